@@ -688,3 +688,39 @@ class TestStationsInReserve:
         assert transfer.move(Cause.TIMEOUT, 105.0) is True
         assert (transfer.key.to_station, transfer.timeout_at) == (C, 106.0)
         assert transfer.step is (Step.CONNECT if ready else Step.REQUEST)
+
+
+class TestAnswerInFlight:
+    """The commander is lost while the partner's answer to a planned handover is on its way."""
+
+    def asked(self) -> Transfer:
+        """A planned transfer whose partner asks its operator; the question is out once more."""
+        transfer = Transfer(KEY, Reason.ZONE, Limits(), 0.0)
+        transfer.due(0.0)
+        transfer.move(Cause.PARTNER_ASKS, 0.1)
+        return transfer
+
+    def test_that_answer_does_not_say_that_the_operator_is_asked_about_the_loss(self) -> None:
+        transfer = self.asked()
+        assert transfer.due(4.9)
+        transfer.move(Cause.COMMANDER_LOST, 5.0)
+        assert transfer.due(5.0)
+        transfer.move(Cause.PARTNER_ASKS, 5.05)
+        assert (transfer.hurry_over, transfer.asking) == (False, frozenset())
+        assert transfer.move(Cause.PARTNER_READY, 5.06)
+
+    def test_the_next_one_does(self) -> None:
+        transfer = self.asked()
+        transfer.due(4.9)
+        transfer.move(Cause.COMMANDER_LOST, 5.0)
+        transfer.due(5.0)
+        transfer.move(Cause.PARTNER_ASKS, 5.05)
+        transfer.move(Cause.PARTNER_ASKS, 5.06)
+        assert (transfer.hurry_over, transfer.asking) == (True, frozenset((B,)))
+
+    def test_without_an_open_question_the_first_one_does(self) -> None:
+        transfer = self.asked()
+        transfer.move(Cause.COMMANDER_LOST, 5.0)
+        transfer.due(5.0)
+        transfer.move(Cause.PARTNER_ASKS, 5.05)
+        assert transfer.hurry_over

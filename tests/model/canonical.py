@@ -27,6 +27,7 @@ from typing import Any
 
 from gcs_module.ahead import EarlyConsent
 from gcs_module.core import StationCore, _Part
+from gcs_module.standard_control import StandardControl
 from mavproxy_handover.core.arbiter import Arbiter
 from mavproxy_handover.core.authority.authority import Authority
 from mavproxy_handover.core.authority.candidates import Candidates
@@ -71,6 +72,13 @@ MEMORY = 3
 GAP_S = 6.0
 
 Packed = tuple[Any, ...]
+
+
+def _no_standard() -> StandardControl:
+    """The operator-control standard at a station: every explored vehicle has our companion, so it is not used."""
+    control = StandardControl(0, str, str, automatic=False)
+    control.ours()
+    return control
 
 
 @dataclass(frozen=True, slots=True)
@@ -520,6 +528,8 @@ class Packer:
             key=value,
             operator_asked=plain,
             partner_asks=plain,
+            question_open=plain,
+            stale_answer=plain,
             reason=plain,
             retry_at=_Time(0.0),
             started_at=_Fixed(lambda: NOW),
@@ -804,6 +814,9 @@ class Packer:
             vehicle_name=plain,
             _automatic=plain,
             manned=plain,
+            operator=plain,
+            _armed=plain,
+            control=_Fixed(_no_standard),
             _names=names_fixed,
             _peers_heard=_Times(StationCore.PEER_LOST_S, forget=False),
             _vehicle_heard=_Ago(StationCore.VEHICLE_LOST_S),

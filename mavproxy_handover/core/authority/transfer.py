@@ -227,10 +227,12 @@ class Transfer:
         "operator_asked",
         "others",
         "partner_asks",
+        "question_open",
         "read_until",
         "ready",
         "reason",
         "retry_at",
+        "stale_answer",
         "started_at",
         "step",
         "timeout_at",
@@ -285,6 +287,9 @@ class Transfer:
         self._pause_s = self._limits.retry_first_s
         self.retry_at = now if speak_now else now + self._pause_s
         self.operator_asked = self.partner_asks = False
+        #: the partner's question is out, and no answer has come; and one may still come that was given to the question
+        #: before the commander was lost
+        self.question_open = self.stale_answer = False
         self._limit(now)
 
     def _limit(self, now: float) -> None:
@@ -368,6 +373,7 @@ class Transfer:
         """
         # the same word may come once more, late, when the partner has consented
         self.partner_asks = self.step is Step.REQUEST
+        self.question_open = False
         self.hurry(now)  # its operator may have been given time before the others were there
 
     def hurry(self, now: float) -> None:
@@ -383,6 +389,11 @@ class Transfer:
         `station`: the station that the cause concerns, if not the partner. `relay`: the partner has no ground link, so
         the vehicle passes its message on at once.
         """
+        if cause is Cause.PARTNER_ASKS and station in (None, self.key.to_station):
+            if self.stale_answer:  # "my operator is asked" was said of another question: the commander lives no more
+                self.stale_answer = False
+                return False
+            self.question_open = False
         if cause is Cause.PARTNER_ASKS:
             self._note_asking(self.key.to_station if station is None else station, now)
         awaits_operator = self.operator_asked or self.partner_asks
@@ -407,7 +418,7 @@ class Transfer:
             self.forced_until = now + self._limits.forced_timeout_s
             self._limit(now)
             if self.step is Step.REQUEST:  # the stations are asked another question now
-                self.retry_at, self.asking = now, frozenset()
+                self.retry_at, self.asking, self.stale_answer = now, frozenset(), self.question_open
         if isinstance(target, End):
             return target
         asked = cause in (Cause.PARTNER_ASKS, Cause.COMMANDER_ASKS)
@@ -510,6 +521,7 @@ class Transfer:
         if now < self.retry_at:
             return []
         self.attempt += 1
+        self.question_open = self.step is Step.REQUEST
         self.retry_at = now + self._pause_s
         self._pause_s = min(self._pause_s * self._limits.retry_growth, self._limits.retry_max_s)
         requests: list[tuple[int, Message]] = [
