@@ -39,6 +39,7 @@ from sitl.script.scenario import (
     ScenarioError,
     known_scenarios,
     load_scenario,
+    panel_of,
     parse_scenario,
     program_of,
     with_opening,
@@ -321,7 +322,7 @@ def _check_names(scenario: Scenario, package: packages.MissionPackage) -> None:
     """Stations that the scenario names must be in the mission."""
     names = [station.name for station in package.stations]
     used = {*scenario.consent, *scenario.standard, *scenario.not_in_control, *scenario.links, *scenario.rogue}
-    used |= {*scenario.served, *scenario.require_operator}
+    used |= {*scenario.served, *scenario.panel, *scenario.require_operator}
     used |= {name for lines in scenario.serial for name in lines.lines if name != AUTOPILOT}
     for step in scenario.steps:
         used.update(step.deed.processes())
@@ -332,6 +333,7 @@ def _check_names(scenario: Scenario, package: packages.MissionPackage) -> None:
             "companion",
             *scenario.fleet,
             *map(program_of, scenario.served),
+            *map(panel_of, scenario.panel),
             *(["rogue"] if scenario.rogue else []),
         }
     ):

@@ -24,7 +24,7 @@ from typing import Final
 
 from gcs_module.alarms import Level
 from gcs_module.duty import NEEDS_OPERATOR
-from gcs_module.panel.snapshot import AircraftSeen, AlarmSeen, Question, StationSeen
+from gcs_module.panel.snapshot import AircraftSeen, AlarmSeen, Border, Question, StationSeen
 from gcs_module.panel.words import LABELS, age, for_buttons, remedy_of, seconds_to
 
 __all__ = ["DEAD_S", "GONE_S", "OLD_S", "Band", "Button", "Who", "band_of", "bands", "dead_band"]
@@ -265,8 +265,14 @@ def _no_commander(case: _Case) -> Band | None:
     if case.craft.commander or not case.flying:
         return None
     words = case.craft.decision or "No decision of the aircraft is known yet."
-    do = "Request control if the aircraft is in your zone. Else watch it."
-    return case.band(Level.EMERGENCY, words, do, [_button("request")])
+    zone, main = case.craft.zone, "acknowledge" if case.loud is not None else ""
+    if zone == case.station.station:
+        do, main = "Request control: the aircraft is in your zone.", "request"
+    elif zone:
+        do = f"Watch it: it is in {zone}'s zone. Request control only if it is in yours too."
+    else:
+        do = "Watch it. Request control if the aircraft is in your zone."
+    return case.band(Level.EMERGENCY, words, do, [_button(main)] if main else ())
 
 
 def _no_commander_on_ground(case: _Case) -> Band | None:
@@ -331,17 +337,28 @@ def _border(case: _Case) -> Band | None:
     border = case.craft.border
     if border is None:
         return None
-    words = f"Handover {border.from_station} to {border.to_station} {{s}}."
     other = border.to_station if border.from_station == case.station.station else border.from_station
-    mine = {"granted": "you have agreed", "denied": "you have denied it"}.get(border.answer, "")
-    theirs = {"denied": f"{other} has denied it", "waiting": f"{other} has not answered yet"}.get(border.other, "")
-    known = ", ".join(filter(None, (mine, theirs)))
-    denied = "denied" in (border.answer, border.other)
-    do = f"Stop the aircraft, or talk to {other}" if denied else _NOTHING
     change = {"granted": "deny", "denied": "accept"}.get(border.answer)
     extra = () if change is None else (_button(change, border.number, f"{LABELS[change]} instead"),)
-    level = Level.ADVISORY if denied else Level.INFO
-    return case.band(level, words, f"{do}: {known}." if known else f"{do}.", next_at=border.at, extra=extra)
+    if "denied" in (border.answer, border.other):
+        return _denied(case, border, other, extra)
+    words = f"Handover {border.from_station} to {border.to_station} {{s}}."
+    mine = "you have agreed" if border.answer == "granted" else ""
+    theirs = f"{other} has not answered yet" if border.other == "waiting" else ""
+    known = ", ".join(filter(None, (mine, theirs)))
+    do = f"{_NOTHING}: {known}." if known else f"{_NOTHING}."
+    return case.band(Level.INFO, words, do, next_at=border.at, extra=extra)
+
+
+def _denied(case: _Case, border: Border, other: str, extra: Sequence[Button]) -> Band:
+    """The aircraft is about to reach a border at which it will not be taken."""
+    who = "you have denied" if border.answer == "denied" else f"{other} has denied"
+    words = f"Border to {border.to_station} {{s}}: {who} the handover."
+    if not case.craft.own:
+        return case.band(Level.ADVISORY, words, f"{_NOTHING}.", next_at=border.at, extra=extra)
+    change = "accept instead" if border.answer == "denied" else f"talk to {other}"
+    do = f"Stop the aircraft, or {change}."
+    return case.band(Level.WARNING, words, do, [_button("stop")], next_at=border.at, extra=extra)
 
 
 def _zone_ends(case: _Case) -> Band | None:
@@ -391,7 +408,7 @@ def bands(station: StationSeen, now: float) -> tuple[Band, ...]:
 
 def dead_band(name: str, configuration: str, why: str, old_s: float) -> Band:
     """The band while the station's program does not answer. `name`: of the station; `old_s`: age of what was known."""
-    known = "" if old_s == inf else f" What this page knew is {age(old_s)} old."
+    known = "" if old_s == inf else f" This page shows what was known {age(old_s)} ago."
     start = f"handover station --config {configuration}" if configuration else "handover station"
     return Band(
         vehicle=0,
@@ -399,9 +416,9 @@ def dead_band(name: str, configuration: str, why: str, old_s: float) -> Band:
         level=Level.EMERGENCY,
         who=Who.UNKNOWN,
         who_words="NOT KNOWN",
-        next_words=f"The program of station {name} does not answer: {why}.{known}",
+        next_words=f"The program of station {name} does not answer: {why}. The aircraft acts by itself.{known}",
         next_at=None,
-        do=f"Start it again: {start}. Until then this station commands nothing; the aircraft acts by itself.",
+        do=f"Start it again: {start}",
         main=(),
         more=(),
         rank=-100,

@@ -136,7 +136,8 @@ class _Page:
             ]
             if found:
                 at = min(found, key=partial(_far_m, place.value))
-                left = seconds_to(border.at, known.now)
+                denied = "denied" in (border.answer, border.other)
+                left = f"{seconds_to(border.at, known.now)}{': denied' if denied else ''}"
                 yield {"key": craft.name, "at": list(at), "words": f"{pair[0]} to {pair[1]} {left}"}
 
     def _replies(self) -> list[dict[str, Any]]:

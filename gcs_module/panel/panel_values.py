@@ -95,7 +95,7 @@ def page_of(known: Known, pinned: int) -> Page:
         "alarms": list(_alarms(seen, chosen, known)),
         "briefing": _briefing(craft, known),
         "values": list(_values(craft, known)),
-        "links": [] if craft is None else [_link(link, known.now) for link in craft.links],
+        "links": [] if craft is None else [_link(link, known) for link in craft.links],
         "peers": list(_peers(seen, known)),
         "lines": list(_lines(seen, known)),
         "sound": _sound(seen, known),
@@ -278,10 +278,10 @@ def _minutes(left_s: Stamped | None) -> Stamped | None:
     return None if left_s is None else Stamped(left_s.value / 60.0, left_s.at)
 
 
-def _link(link: LinkSeen, now: float) -> dict[str, Any]:
-    old_s = inf if link.heard_at is None else max(0.0, now - link.heard_at)
+def _link(link: LinkSeen, known: Known) -> dict[str, Any]:
+    old_s = inf if link.heard_at is None else max(0.0, known.now - link.heard_at)
     works = link.works and old_s <= OLD_S
-    state = "works" if works else "silent"
+    state = "not known" if known.dead else "works" if works else "silent"
     return {
         "name": link.name,
         "used": link.used,
@@ -302,8 +302,9 @@ def _peers(seen: StationSeen | None, known: Known) -> Iterator[dict[str, Any]]:
             "name": peer.name,
             "colour": known.colours.get(peer.name, NOBODY_COLOUR),
             "up": peer.up and old_s <= OLD_S,
+            "text": "not known" if known.dead else "" if peer.up and old_s <= OLD_S else "not heard",
             "commands": ", ".join(commands),
-            "operator": _operator(peer.operator, known.now),
+            "operator": "" if known.dead else _operator(peer.operator, known.now),
             "age": age(old_s) if isfinite(old_s) else "not heard",
         }
 

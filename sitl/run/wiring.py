@@ -25,7 +25,7 @@ import json
 import secrets
 import shutil
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -36,11 +36,12 @@ from mavproxy_handover.mission import package as packages
 from mavproxy_handover.mission.addresses import ADDRESSES_FILE
 from mavproxy_handover.mission.package import MissionPackage, StationEntry
 from mavproxy_handover.store.keys import key_path, write_key
+from sitl.run import panel_driver
 from sitl.run.bad_disks import on_slow_disk
 from sitl.run.fleet import FIRST, Craft, first_of
 from sitl.run.sites import HERE, Reach, Site
-from sitl.script.places import mission_folder
-from sitl.script.scenario import AUTOPILOT, Scenario, program_of
+from sitl.script.places import SetupError, mission_folder
+from sitl.script.scenario import AUTOPILOT, Scenario, panel_of, program_of
 from sitl.script.weather import Weather
 from sitl.vehicles.ports import LOOPBACK, PortPicker
 
@@ -249,6 +250,22 @@ class _Between:
         return tuple(programs)
 
 
+def _panels(folder: Path, stations: Sequence[StationWires], scenario: Scenario) -> Iterator[Program]:
+    """The operators with a panel in a browser. Raises OSError, SetupError."""
+    why = panel_driver.why_not() if scenario.panel else ""
+    if why:
+        raise SetupError(f"scenario {scenario.name} has panels in a browser, and {why}")
+    for station in stations:
+        if station.name in scenario.panel:
+            name = panel_of(station.name)
+            home = folder / name
+            home.mkdir(parents=True, exist_ok=True)
+            journal = home / f"{name}.jsonl"
+            argv = [sys.executable, "-m", "sitl.run.panel_driver", "--name", name, "--station", station.name]
+            argv += ["--config", str(station.config), "--journal", str(journal)]
+            yield Program(name, tuple(argv), home, journal)
+
+
 def _served(folder: Path, station: str, port: int) -> Program:
     """A program that flies through a station, with the system id that most programs have. Raises OSError."""
     name = program_of(station)
@@ -350,7 +367,7 @@ def lay_out(
         folder,
         write_toml(folder / COMPANION / f"{COMPANION}.toml", _vehicle(first, scenario, entries, guard_key, box)),
         tuple(stations),
-        (*between.programs(folder, grounds), *_boxes(folder, box, scenario)),
+        (*between.programs(folder, grounds), *_boxes(folder, box, scenario), *_panels(folder, stations, scenario)),
         tuple(proxy["name"] for proxy in between.proxies),
         card,
         on_slow_disk(folder / COMPANION, scenario.fsync_s) if scenario.fsync_s else (),

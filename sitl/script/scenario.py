@@ -17,6 +17,7 @@ Before the steps stands what the flight is made of, where that differs from the 
     forced = {GCSB = "ask"}        its operator is asked as well when the commander is lost
     standard = ["GCSA"]            speaks the MAVLink standard only
     served = ["GCSB"]              another program flies through it; the process is called GCSB-program
+    panel = ["GCSA"]               an operator with `handover panel` in a browser; the process is called GCSA-panel
     require_operator = ["GCSB"]    it takes an aircraft only while an operator is on duty
     not_in_control = {GCSA = "never"}  the vehicle's setting for a station
     on_board = true                the mission package is there before the flight
@@ -78,6 +79,7 @@ __all__ = [
     "known_scenarios",
     "load_scenario",
     "parse_scenario",
+    "panel_of",
     "program_of",
     "with_opening",
 ]
@@ -103,6 +105,7 @@ _KEYS = (
     "forced",
     "standard",
     "served",
+    "panel",
     "require_operator",
     "not_in_control",
     "on_board",
@@ -230,6 +233,8 @@ class Scenario:
     require_operator: tuple[str, ...] = ()
     #: stations through which another program flies
     served: tuple[str, ...] = ()
+    #: stations whose operator has a panel in a browser
+    panel: tuple[str, ...] = ()
     #: station -> who gets that result there (`POLICIES` of `gate/client_capabilities.py`); those
     #: not named have the default
     not_in_control: Mapping[str, str] = field(default_factory=dict)
@@ -258,6 +263,11 @@ class Scenario:
 def program_of(station: str) -> str:
     """Name of the process of the program that a station serves."""
     return f"{station}-program"
+
+
+def panel_of(station: str) -> str:
+    """Name of the process of the operator with a panel at a station."""
+    return f"{station}-panel"
 
 
 def known_scenarios(folder: Path = SCENARIOS) -> dict[str, Path]:
@@ -323,6 +333,7 @@ def parse_scenario(text: str, file: str) -> Scenario:
         standard=reader.value(data, "standard", tuple[str, ...], ()),
         require_operator=reader.value(data, "require_operator", tuple[str, ...], ()),
         served=reader.value(data, "served", tuple[str, ...], ()),
+        panel=reader.value(data, "panel", tuple[str, ...], ()),
         not_in_control=_words(reader, data, "not_in_control", POLICIES),
         on_board=reader.value(data, "on_board", bool, False),
         signed=reader.value(data, "signed", bool, False),
@@ -346,6 +357,9 @@ def parse_scenario(text: str, file: str) -> Scenario:
     for name in scenario.served:
         if name in scenario.standard:
             raise reader.error("served", f"{name!r} is in standard: it has no module that serves a program")
+    for name in scenario.panel:
+        if name in scenario.standard:
+            raise reader.error("panel", f"{name!r} is in standard: it has no module that a panel can show")
     _check_fleet(reader, scenario)
     return scenario
 

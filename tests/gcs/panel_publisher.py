@@ -38,7 +38,7 @@ BRIEFING = (
     ("wind", "4 m/s from 230 degrees"),
     ("links", "GCSA 0% lost, 3 ms; GCSB 0% lost, 12 ms"),
     ("alerts", "none"),
-    ("next", "GCSB to GCSA in 20 s"),
+    ("next", "GCSB to GCSA in 40 s"),
 )
 LINES = (
     LineSeen(1, NOW - 62.0, 0, "START accepted."),
@@ -46,12 +46,12 @@ LINES = (
 )
 ASKED_LINES = (
     *LINES,
-    LineSeen(3, NOW - 1.0, 2, "Handover GCSB -> GCSA of drone-1 in 20 s. Type 'handover accept' or 'handover deny'."),
+    LineSeen(3, NOW - 1.0, 2, "Handover GCSB -> GCSA of drone-1 in 40 s. Type 'handover accept' or 'handover deny'."),
 )
 WAITS = AlarmSeen(
     "question",
     2,
-    "Handover GCSB -> GCSA of drone-1 in 20 s.",
+    "Handover GCSB -> GCSA of drone-1 in 40 s.",
     "The aircraft is about to reach your zone. You are asked whether you take it.",
     "Read the briefing. Accept or deny.",
     False,
@@ -60,7 +60,7 @@ WAITS = AlarmSeen(
 ASKED = {
     "commander": "GCSB",
     "own": False,
-    "question": TAKE,
+    "question": replace(TAKE, border_at=NOW + 38.4, until=NOW + 38.4),
     "lines": ASKED_LINES,
     "briefing": BRIEFING,
     "briefing_at": NOW - 1.0,
@@ -106,6 +106,8 @@ ON_GROUND = {
 #: word -> the changes to the aircraft of a normal flight
 SHOWN: dict[str, dict[str, Any]] = {
     "normal": {"border": BORDER},
+    "lost far": LOST_CRAFT,
+    "lost here": {**LOST_CRAFT, "zone": "GCSA", "position": Stamped((52.67812, 5.92627), NOW - 0.2)},
     "observer": {
         "commander": "GCSB",
         "own": False,
@@ -117,7 +119,7 @@ SHOWN: dict[str, dict[str, Any]] = {
     "handover": {
         "partner": "GCSB",
         "phase": "on_handover",
-        "answer_until": NOW + 14.6,
+        "answer_until": NOW + 29.6,
         "position": Stamped((52.67812, 5.92627), NOW - 0.2),
         "lines": (LineSeen(1, NOW - 2.0, 0, "Handover GCSA to GCSB of drone-1 has begun."),),
     },
@@ -161,7 +163,7 @@ def fleet(state: str, count: int, digest: str) -> tuple[AircraftSeen, ...]:
         LinkSeen("/dev/ttyUSB0", False, False, NOW - 20.0),
     )
     common = {"mission": digest, "links": links}
-    kinds = [state, *(["normal"] * 5), "old"]
+    kinds = [state, "normal", "observer", "normal", "ground", "observer", "old"]
     made = []
     for number in range(count):
         changes: dict[str, Any] = {**common, "lines": LINES, **SHOWN[kinds[number % len(kinds)] if number else state]}

@@ -11,7 +11,7 @@ import pytest
 
 from gcs_module.alarms import Level
 from gcs_module.panel.band import DEAD_S, GONE_S, OLD_S, Band, band_of, bands, dead_band
-from gcs_module.panel.snapshot import AircraftSeen, AlarmSeen, LineSeen, Stamped
+from gcs_module.panel.snapshot import AircraftSeen, AlarmSeen, Border, LineSeen, Stamped
 from gcs_module.panel.words import for_buttons
 from tests.gcs.panel_states import BORDER, GIVE, LOST, NOW, RETURNS, TAKE, craft, station
 
@@ -58,21 +58,34 @@ STATES = {
     ),
     "border ahead, denied by the other": State(
         craft(border=replace(BORDER, other="denied")),
-        "ADVISORY",
+        "WARNING",
         "YOU",
-        "Handover GCSA to GCSB in 43 s.",
-        "Stop the aircraft, or talk to GCSB: you have agreed, GCSB has denied it.",
-        "",
-        f"{FLY} deny",
+        "Border to GCSB in 43 s: GCSB has denied the handover.",
+        "Stop the aircraft, or talk to GCSB.",
+        "stop",
+        "continue return give release override deny",
     ),
     "border ahead, denied here": State(
         craft(border=replace(BORDER, answer="denied")),
-        "ADVISORY",
+        "WARNING",
         "YOU",
-        "Handover GCSA to GCSB in 43 s.",
-        "Stop the aircraft, or talk to GCSB: you have denied it.",
+        "Border to GCSB in 43 s: you have denied the handover.",
+        "Stop the aircraft, or accept instead.",
+        "stop",
+        "continue return give release override accept",
+    ),
+    "border ahead, denied by the partner, which is here": State(
+        craft(
+            commander="GCSB",
+            own=False,
+            border=Border("252.251.3.7.-1", "GCSB", "GCSA", NOW + 42.2, "denied", "granted"),
+        ),
+        "ADVISORY",
+        "GCSB",
+        "Border to GCSA in 43 s: you have denied the handover.",
+        "Nothing to do.",
         "",
-        f"{FLY} accept",
+        "request accept",
     ),
     "question to take": State(
         craft(commander="GCSB", own=False, question=TAKE),
@@ -149,16 +162,34 @@ STATES = {
         "EMERGENCY",
         "NO STATION",
         RETURN,
-        "Request control if the aircraft is in your zone. Else watch it.",
+        "Request control: the aircraft is in your zone.",
         "request",
         "acknowledge",
+    ),
+    "no station commands, in another zone": State(
+        craft(commander="", own=False, phase="emergency", action="return", decision=RETURN, zone="GCSB"),
+        "EMERGENCY",
+        "NO STATION",
+        RETURN,
+        "Watch it: it is in GCSB's zone. Request control only if it is in yours too.",
+        "",
+        "request",
+    ),
+    "no station commands, in no zone": State(
+        craft(commander="", own=False, phase="emergency", action="return", decision=RETURN, zone=""),
+        "EMERGENCY",
+        "NO STATION",
+        RETURN,
+        "Watch it. Request control if the aircraft is in your zone.",
+        "",
+        "request",
     ),
     "no station commands, just now": State(
         craft(commander="", own=False, phase="emergency"),
         "EMERGENCY",
         "NO STATION",
         "No decision of the aircraft is known yet.",
-        "Request control if the aircraft is in your zone. Else watch it.",
+        "Request control: the aircraft is in your zone.",
         "request",
         "",
     ),
@@ -330,7 +361,7 @@ def test_a_station_that_needs_an_operator_asks_for_the_sign_on_first() -> None:
         (
             craft(commander="", own=False, phase="emergency", decision=RETURN),
             "EMERGENCY",
-            "Sign on first: no operator is on duty. Request control if the aircraft is in your zone. Else watch it.",
+            "Sign on first: no operator is on duty. Request control: the aircraft is in your zone.",
             "sign_on",
             "",
         ),
@@ -388,10 +419,11 @@ def test_a_dead_station_says_so_and_offers_no_button() -> None:
     band = dead_band("GCSA", "/etc/handover/station.toml", "it has ended", 4.2)
     assert (band.level, band.who_words, band.main, band.more) == (Level.EMERGENCY, "NOT KNOWN", (), ())
     assert band.next_text(NOW) == (
-        "The program of station GCSA does not answer: it has ended. What this page knew is 4 s old."
+        "The program of station GCSA does not answer: it has ended. The aircraft acts by itself. "
+        "This page shows what was known 4 s ago."
     )
-    assert band.do.startswith("Start it again: handover station --config /etc/handover/station.toml.")
-    assert dead_band("GCSA", "", "it does not run here", inf).do.startswith("Start it again: handover station.")
+    assert band.do == "Start it again: handover station --config /etc/handover/station.toml"
+    assert dead_band("GCSA", "", "it does not run here", inf).do == "Start it again: handover station"
     assert DEAD_S < 3.0
 
 

@@ -83,7 +83,9 @@ def test_a_station_that_does_not_answer_is_said_within_three_seconds(later: floa
 
 def test_before_a_station_was_ever_heard_the_page_says_what_to_start() -> None:
     given = sections(None, fault="it does not run here")
-    assert given["band"]["next"] == "The program of station GCSA does not answer: it does not run here."
+    assert given["band"]["next"] == (
+        "The program of station GCSA does not answer: it does not run here. The aircraft acts by itself."
+    )
     assert given["sound"] == ""
     assert given["values"] == given["alarms"] == given["rows"] == []
 

@@ -325,13 +325,13 @@ window.handoverPanel = (() => {
     ])), "nothing heard yet")),
     links: (given) => fill("links", titled("links to the aircraft", table(given.map((link) => [
       made("span", link.works ? "" : "silent", link.works ? "●" : "○"),
-      made("span", link.works ? "" : "silent", link.name + (link.used ? "" : " (spare)") + (link.works ? "" : ": silent")),
+      made("span", link.works ? "" : "silent", link.name + (link.used ? "" : " (spare)") + (link.works ? "" : ": " + link.text)),
       made("span", "hp-age", link.age),
     ])), "no link")),
     peers: (given) => fill("peers", titled("other stations", table(given.map((peer) => {
       const chip = made("span", "hp-chip", peer.name);
       chip.style.background = peer.colour;
-      const words = [peer.up ? "" : "not heard", peer.operator, peer.commands ? "commands " + peer.commands : ""].filter(Boolean);
+      const words = [peer.text, peer.operator, peer.commands ? "commands " + peer.commands : ""].filter(Boolean);
       return [chip, made("span", peer.up ? "" : "silent", words.join(", ")), made("span", "hp-age", peer.age)];
     })), "none is configured")),
     lines: (given) => fill("lines", titled("events", given.map((line) => {
