@@ -21,8 +21,9 @@ from typing import Any
 
 from mavproxy_handover.mission import package as packages
 from mavproxy_handover.vehicle.profiles import ASSUMED, Profile
+from sitl.run import panel_driver
 from sitl.script.places import mission_folder
-from sitl.script.scenario import known_scenarios, load_scenario
+from sitl.script.scenario import ScenarioError, known_scenarios, load_scenario
 from sitl.vehicles import KINDS, LaunchError, find_arducopter, find_arduplane, flies
 
 __all__ = ["Flight", "agree", "main"]
@@ -87,6 +88,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     flights = []
     for name in names:
         profile = _profile_of(name)
+        browser = panel_driver.why_not() if name in known_scenarios() and _has_panel(name) else ""
+        if browser:
+            print(f"{name:<22} skipped: it has panels in a browser, and {browser}", flush=True)
+            continue
         if plane is None and profile.firmware == "ArduPlane":
             print(f"{name:<22} skipped: it is flown by a {profile.name}, and no arduplane is found", flush=True)
             continue
@@ -101,6 +106,13 @@ def main(argv: Sequence[str] | None = None) -> int:
     bad = sum(flight.code != 0 for flight in flights)
     print(f"{len(flights)} flights, {bad} failed, {len(differing)} differ between the vehicles")
     return 1 if bad or differing or missing else 0
+
+
+def _has_panel(name: str) -> bool:
+    try:
+        return bool(load_scenario(known_scenarios()[name]).panel)
+    except ScenarioError:  # the flight itself reports it
+        return False
 
 
 def _profile_of(name: str) -> Profile:

@@ -13,6 +13,7 @@ import subprocess
 import sys
 import threading
 import time
+from base64 import b64decode
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -34,19 +35,26 @@ pytestmark = [
 ]
 PROGRAM = "import sys; from mavproxy_handover.cli import main; sys.exit(main())"
 SIZES = [(1400, 900), (1024, 768), (400, 800)]
+#: elements with words that leave the window, or that are cut
+CUT = """(() => [...document.querySelectorAll(
+  ".hp-head *, .hp-duty *, .hp-band *, .hp-rows *, .hp-shift *, .hp-alarms *, .hp-briefing *, .hp-values *, " +
+  ".hp-links *, .hp-peers *, .hp-lines *")].filter((each) => each.offsetParent && each.innerText).filter((each) => {
+    const at = each.getBoundingClientRect(), hides = getComputedStyle(each).overflowX !== "visible";
+    return at.left < -1 || at.right > innerWidth + 1 || (hides && each.scrollWidth > each.clientWidth + 1);
+  }).map((each) => each.className + ": " + each.innerText.slice(0, 40)))()"""
 
 
 class Bench:
     """A station's publisher, the panel's program, and a page in a browser."""
 
-    def __init__(self, browser: Any) -> None:
+    def __init__(self, browser: Any, state: str = "question", words: tuple[str, ...] = ()) -> None:
         self._browser = browser
-        self.fake = Fake("question")
+        self.fake = Fake(state)
         self._over = threading.Event()
         self._thread = threading.Thread(target=self.fake.run, args=(120.0, self._over.is_set))
         self._thread.start()
         self.program = subprocess.Popen(
-            [sys.executable, "-c", PROGRAM, "panel", "--port", "0", "--station", "GCSA"],
+            [sys.executable, "-c", PROGRAM, "panel", "--port", "0", "--station", "GCSA", *words],
             stdin=subprocess.DEVNULL,
             stdout=subprocess.PIPE,
             stderr=subprocess.DEVNULL,
@@ -73,7 +81,7 @@ class Bench:
             except playwright.Error:
                 time.sleep(0.1)
         self._cookies = context.cookies()
-        page.wait_for_selector(".hp-who strong", timeout=20_000)
+        page.wait_for_selector(".hp-who strong", timeout=60_000)
         return page
 
     def text(self, part: str) -> str:
@@ -138,6 +146,95 @@ def test_the_band_is_seen_at_every_size_and_never_scrolls(bench: Bench) -> None:
             page.wait_for_timeout(300)
             assert page.locator(".hp-band").bounding_box()["y"] < 60, "it stays when the rest scrolls"
             page.context.close()
+
+
+@pytest.mark.parametrize("state", ["normal", "question", "emergency", "dead", "shift"])
+def test_no_text_is_cut_and_nothing_scrolls_sideways(
+    browser: Any, state: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setenv("HANDOVER_PANELS", str(tmp_path / "panels"))
+    bench = Bench(browser, "normal" if state in ("dead", "shift") else state)
+    try:
+        if state == "shift":
+            aircraft = tuple(replace(bench.fake.snapshot.aircraft[0], sysid=n, name=f"drone-{n}") for n in (1, 2, 3))
+            bench.fake.snapshot = replace(
+                bench.fake.snapshot, aircraft=aircraft, next_operator="van der Meer-Visser", next_until=1060.0
+            )
+        page = bench.open()
+        if state == "dead":
+            bench.stop_station()
+            assert within(5.0, lambda: bench.text(".hp-who strong") == "NOT KNOWN")
+        if state == "shift":
+            page.wait_for_selector(".hp-shift button.confirm")
+        for scheme in ("light", "dark"):
+            page.emulate_media(color_scheme=scheme)
+            for size in SIZES:
+                page.set_viewport_size({"width": size[0], "height": size[1]})
+                page.wait_for_timeout(500)
+                assert page.evaluate("document.documentElement.scrollWidth") <= size[0]
+                assert page.evaluate(CUT) == [], (state, scheme, size)
+                band = page.locator(".hp-band").bounding_box()
+                assert band["y"] + band["height"] < 0.6 * size[1]
+                page.mouse.move(size[0] / 2, size[1] * 0.8)
+                page.mouse.wheel(0, 3000)
+                page.wait_for_timeout(200)
+                assert page.locator(".hp-band").bounding_box()["y"] < 90, "it stays when the rest scrolls"
+    finally:
+        bench.close()
+
+
+def test_an_operator_signs_on_and_the_next_one_confirms_the_briefing(bench: Bench) -> None:
+    (craft,) = bench.fake.snapshot.aircraft
+    own = replace(craft, question=None, commander="GCSA", own=True, alarms=())
+    bench.fake.snapshot = replace(bench.fake.snapshot, aircraft=(own,))
+    page = bench.open()
+    assert within(5.0, lambda: "operator Jansen" in " ".join(bench.text(".hp-duty").split()))
+    page.click(".hp-duty button:has-text('Change shift')")
+    page.keyboard.type("adda Visser")
+    page.keyboard.press("Enter")
+    assert within(3.0, lambda: bench.orders() == [("sign_on", "adda Visser")]), "letters of a name answer no question"
+    bench.fake.snapshot = replace(bench.fake.snapshot, next_operator="adda Visser", next_until=1100.0)
+    page.wait_for_selector(".hp-shift button.confirm")
+    assert page.locator(".hp-shift button.confirm[disabled]").count() == 1, "the briefing is read first"
+    assert "drone-1: this station commands; mode AUTO" in bench.text(".hp-shift")
+    page.click(".hp-shift button.confirm")
+    assert within(3.0, lambda: bench.orders()[1:] == [("confirm", "adda Visser")])
+    bench.fake.snapshot = replace(bench.fake.snapshot, operator="", next_operator="", required=True)
+    assert within(3.0, lambda: "Sign on with your name." in bench.text(".hp-do > span"))
+    page.wait_for_timeout(900)
+    page.click(".hp-main button.sign_on")
+    assert page.evaluate("document.activeElement.tagName") == "INPUT"
+
+
+def test_start_needs_a_second_press(bench: Bench) -> None:
+    (craft,) = bench.fake.snapshot.aircraft
+    ground = replace(craft, question=None, commander="GCSA", own=True, alarms=(), phase="on_load")
+    bench.fake.snapshot = replace(bench.fake.snapshot, aircraft=(ground,))
+    page = bench.open()
+    page.wait_for_timeout(1200)
+    page.click(".hp-main button.start")
+    page.wait_for_timeout(400)
+    assert bench.orders() == []
+    page.click(".hp-main button.start.sure")
+    assert within(3.0, lambda: bench.orders() == [("start", "")])
+
+
+def test_tiles_from_the_disk_are_seen_behind_the_zones(
+    browser: Any, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setenv("HANDOVER_PANELS", str(tmp_path / "panels"))
+    folder = tmp_path / "map" / "0" / "0"
+    folder.mkdir(parents=True)
+    # one grey dot
+    picture = "iVBORw0KGgoAAAANSUhEUgAAAAEAAAABCAAAAAA6fptVAAAACklEQVR4nGNoAAAAggCBd81ytgAAAABJRU5ErkJggg=="
+    (folder / "0.png").write_bytes(b64decode(picture))
+    bench = Bench(browser, "normal", ("--tiles", str(tmp_path / "map"), "--tiles-credit", "Land & Co"))
+    try:
+        page = bench.open()
+        page.wait_for_selector(".leaflet-tile-loaded", state="attached", timeout=15_000)
+        assert "Land & Co" in page.inner_text(".leaflet-control-attribution")
+    finally:
+        bench.close()
 
 
 def test_a_press_on_accept_sends_the_number_of_its_question(bench: Bench) -> None:

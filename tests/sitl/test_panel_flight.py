@@ -1,103 +1,64 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""A flight whose two operators answer by `handover panel` in a browser, and a station that dies before their eyes.
+"""The scenarios with an operator's panel in a browser, flown; and what is said where there is no browser.
 
-Needs the extra `browser` and Chromium; skipped, saying so, where they are missing.
+Flights need Chromium; skipped, saying so, where it is missing.
 """
 
 from __future__ import annotations
 
-import os
-import re
-import shutil
-import subprocess
-import sys
-import time
-from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+import json
 from pathlib import Path
-from typing import Any
 
 import pytest
 
+from mavproxy_handover.mission import package as packages
+from sitl.run import panel_driver, wiring
+from sitl.script.places import SetupError, mission_folder
+from sitl.script.scenario import known_scenarios, load_scenario
 from tests.sitl.runner_flight import Start, starting
 
-CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
-playwright = pytest.importorskip(
-    "playwright.sync_api", reason="pip install 'mavproxy-handover[browser]' drives a browser"
-)
-pytestmark = [
-    pytest.mark.process,
-    pytest.mark.long,
-    pytest.mark.skipif(CHROMIUM is None, reason="there is no Chromium here"),
-]
-SCENARIO = Path(__file__).resolve().parents[1] / "data" / "panel-consent.toml"
-PROGRAM = "import sys; from mavproxy_handover.cli import main; sys.exit(main())"
 start = pytest.fixture(starting)
+SCENARIOS = ("panel-consent", "panel-dead-station")
 
 
-@contextmanager
-def panel(station: str, browser: Any) -> Iterator[Any]:
-    """The page of a station's panel."""
-    process = subprocess.Popen(
-        [sys.executable, "-c", PROGRAM, "panel", "--port", "0", "--station", station],
-        stdin=subprocess.DEVNULL,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.DEVNULL,
-        text=True,
-        env=dict(os.environ),
-    )
-    try:
-        assert process.stdout is not None
-        link = process.stdout.readline().strip()
-        page = browser.new_page(viewport={"width": 1400, "height": 900})
-        for _ in range(100):
-            try:
-                page.goto(link)
-                break
-            except playwright.Error:
-                time.sleep(0.1)
-        page.wait_for_selector(".hp-who strong", timeout=20_000)
-        yield page
-    finally:
-        process.kill()
-        process.communicate(timeout=10)
+def bands(folder: Path, station: str) -> list[str]:
+    """What the band of a panel has said, one after the other."""
+    journal = folder / f"{station}-panel" / f"{station}-panel.jsonl"
+    entries = [json.loads(line) for line in journal.read_text(encoding="utf-8").splitlines()]
+    return [entry["text"] for entry in entries if entry["event"] == "band"]
 
 
-def answer(page: Any) -> None:
-    """Press Accept if the page asks."""
-    pressed = page.query_selector(".hp-main button.accept:not([disabled])")
-    if pressed is not None:
-        with suppress(playwright.Error):  # the question is over, and its button has gone
-            pressed.click(timeout=2000)
-
-
-def test_operators_answer_by_their_panels_and_see_a_station_die(
-    start: Start, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setenv("HANDOVER_PANELS", str(tmp_path / "panels"))
-    flown = start(tmp_path / "run", "--scenario", str(SCENARIO), "--speedup", "2")
-    seen: dict[str, list[str]] = {"GCSA": [], "GCSB": []}
-    with playwright.sync_playwright() as driver:
-        browser = driver.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
-        with panel("GCSA", browser) as first, panel("GCSB", browser) as second:
-            while flown.poll() is None:
-                for name, page in (("GCSA", first), ("GCSB", second)):
-                    parts = (page.inner_text(part) for part in (".hp-who strong", ".hp-next", ".hp-do > span"))
-                    band = re.sub(r"\d+", "#", " | ".join(parts))
-                    if seen[name][-1:] != [band]:
-                        seen[name].append(band)
-                    answer(page)
-                time.sleep(0.2)
-        browser.close()
-    out, story = flown.communicate(timeout=30)
+@pytest.mark.process
+@pytest.mark.long
+@pytest.mark.skipif(bool(panel_driver.why_not()), reason=panel_driver.why_not())
+@pytest.mark.parametrize("scenario", SCENARIOS)
+def test_a_flight_with_panels_in_a_browser(start: Start, scenario: str, tmp_path: Path) -> None:
+    folder = tmp_path / "run"
+    flown = start(folder, "--scenario", scenario, "--vehicle", "builtin", "--speedup", "3")
+    out, story = flown.communicate(timeout=400)
     assert flown.returncode == 0, story
-    assert '"held": true' in out
-    for name, own in (("GCSA", "Let GCSB take drone-#?"), ("GCSB", "Take drone-# from GCSA?")):
-        who = "YOU" if name == "GCSA" else "GCSA"
-        assert f"{who} | Handover GCSA to GCSB in # s. | {own}" in seen[name], seen
-    ended = [
-        band for band in seen["GCSA"] if band.startswith("NOT KNOWN | The program of station GCSA does not answer")
-    ]
-    assert ended, seen
-    assert any(band.startswith("YOU | ") for band in seen["GCSB"]), seen
+    assert json.loads(out)["held"] is True
+    if scenario == "panel-consent":
+        for name, own in (("GCSA", "Let GCSB take drone-#?"), ("GCSB", "Take drone-# from GCSA?")):
+            assert any(
+                band.startswith(("YOU | ", "GCSA | ")) and band.endswith(f" | {own}") for band in bands(folder, name)
+            )
+    else:
+        assert any(
+            band.startswith("NOT KNOWN | The program of station GCSA does not") for band in bands(folder, "GCSA")
+        )
+
+
+@pytest.mark.parametrize("scenario", SCENARIOS)
+def test_without_a_browser_it_is_said_in_one_line(
+    scenario: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setattr(panel_driver, "chromium", lambda: None)
+    loaded = load_scenario(known_scenarios()[scenario])
+    mission = mission_folder(loaded.mission)
+    with pytest.raises(SetupError) as caught:
+        wiring.lay_out(tmp_path, packages.load(mission), mission, loaded)
+    assert str(caught.value).startswith(
+        f"scenario {scenario} has panels in a browser, and no Chromium is installed here"
+    )

@@ -9,7 +9,15 @@ import pytest
 from mavproxy_handover.mission import package as packages
 from sitl.script.expect import Emergencies, OfVehicle
 from sitl.script.places import mission_folder
-from sitl.script.scenario import ScenarioError, known_scenarios, load_scenario, parse_scenario, program_of, with_opening
+from sitl.script.scenario import (
+    ScenarioError,
+    known_scenarios,
+    load_scenario,
+    panel_of,
+    parse_scenario,
+    program_of,
+    with_opening,
+)
 from sitl.script.steps import Pause, Type, Wait
 
 HEAD = """
@@ -43,10 +51,11 @@ def test_every_scenario_that_ships_can_be_used(name: str) -> None:
     stations = {station.name for station in package.stations}
     assert scenario.name == name
     named = {process for step in with_opening(scenario, package).steps for process in step.deed.processes()}
-    programs = map(program_of, scenario.served)
+    programs = {*map(program_of, scenario.served), *map(panel_of, scenario.panel)}
     assert named <= stations | {"companion", *scenario.fleet, *programs, *(["rogue"] if scenario.rogue else [])}
     assert {
         *scenario.served,
+        *scenario.panel,
         *scenario.require_operator,
         *scenario.standard,
         *scenario.links,
