@@ -1,15 +1,15 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""The operator's panel: its cost with 20 aircraft, and what it can do to its station and to a vehicle's lease.
+"""The operator's panel: its cost, and its harm to a station and to a vehicle's lease.
 
 `cost`: `handover panel` is a real process. The station is a socket in this process, which sends the snapshots of 20
 aircraft as often as a real one does. If Chromium is installed, it shows the page; the result says so.
 
 `harm`: the station is a real process, `handover station`, with real companions in this process (`fleet.py`). Authority
-changes between the stations all the time. The station sends 20 heartbeats a second to each vehicle. One after the
-other, in the same run: no panel, a panel, a panel that is stopped (SIGSTOP), one that is killed, a browser that is
-stopped, and a flood of bad and good lines at the station's socket together with requests for the page. In each state
-the frames of the station that reach the vehicle are counted, and the longest gap between two leases is measured. The
+changes between the stations all the time. The station sends 20 heartbeats a second to each vehicle. The states come one
+after the other, in the same run. They are: no panel, a panel, a stopped browser (SIGSTOP), a stopped panel, a killed
+panel, and a flood. The flood is of bad and good lines at the station's socket, with requests for the page. In each
+state the frames of the station that reach the vehicle are counted. The longest gap between two leases is measured. The
 state without a panel is the baseline.
 """
 
@@ -264,7 +264,7 @@ class Station(fleet.Bench):
 
 @dataclass(frozen=True, slots=True)
 class State:
-    """What was measured in one state: frames in a second, longest gap between leases, and this process's own delay."""
+    """Measurements of one state: frames in a second, longest gap between leases, and this process's own delay."""
 
     name: str
     rate: float

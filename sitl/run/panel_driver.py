@@ -32,7 +32,6 @@ from pathlib import Path
 from typing import Any, Final, TextIO
 
 from gcs_module.panel.endpoint import find, running
-from gcs_module.panel.reader import Reader
 from sitl.run.ending import Orders
 
 __all__ = ["chromium", "main", "why_not"]
@@ -185,6 +184,9 @@ class Operator:
 
 def _named(station: str, configuration: Path) -> str:
     """The name at which the station of this run is found; "": it is not there yet."""
+    # only here: the reference is built from these files where MAVProxy's own packages are missing
+    from gcs_module.panel.reader import Reader
+
     for name in running():
         if name == station or name.startswith(f"{station}-"):
             reader = Reader(lambda name=name: find(name))  # type: ignore[misc]
