@@ -41,7 +41,14 @@ NO_PERSON = {
     for rule in MESSAGE_RULES
     for name in rule.names
     if rule.why.startswith(
-        ("ours, from the vehicle", "the modem's", "the radio receiver's", "from a gimbal", "the vehicle's own")
+        (
+            "ours, from the vehicle",
+            "ours, between stations",
+            "the modem's",
+            "the radio receiver's",
+            "from a gimbal",
+            "the vehicle's own",
+        )
     )
 }
 #: what a person does by these has a word elsewhere, or none is due
