@@ -33,7 +33,11 @@ line each, on standard input:
     forge STATION SYSID            to a station's ground link, as its neighbour SYSID: a heartbeat, messages of
                                    transfers that were not announced, and the whole package
 
-It ends when its input does. It uses no code of the vehicle except the dialect.
+    feed LINK SYSID KIND RATE SECONDS [METRES]   no attack: a program beside the station that sends a feed, as another
+                                   component of SYSID. KIND: rtk (METRES: the base is so far to the east), adsb, or
+                                   remote-id (METRES: the operator is so far to the north)
+
+It ends when its input does. It uses no code of the vehicle except the dialect and a check sum.
 """
 
 from __future__ import annotations
@@ -44,14 +48,15 @@ import random
 import select
 import socket
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime, timezone
 from pathlib import Path
-from typing import Any, TextIO
+from typing import Any, Final, TextIO
 
 from pymavlink.dialects.v20 import handover as mavlink
 
+from mavproxy_handover.wire.rtcm import crc24q
 from sitl.run.ending import Orders
 from sitl.vehicles.ports import LOOPBACK
 
@@ -272,6 +277,8 @@ class Rogue:
                 self._attack(tap, int(rest[1]))
             elif word == "flood":
                 self._flood(tap, int(rest[1]), float(rest[2]), float(rest[3]), now)
+            elif word == "feed":
+                self._feed(tap, int(rest[1]), rest[2], (float(rest[3]), float(rest[4])), float((*rest, "0")[5]), now)
             elif word == "record":
                 tap.recorded = []
                 self.note("recording", f"what {tap.name} sends is kept", station=tap.name)
@@ -317,6 +324,12 @@ class Rogue:
         self._streams.append(_Stream(tap, "flood", frames, int(rate * seconds), rate, now))
         self.note("flood_begun", f"{rate:g} datagrams a second for {seconds:g} s", station=tap.name, sysid=sysid)
 
+    def _feed(self, tap: _Tap, sysid: int, kind: str, lasts: tuple[float, float], metres: float, now: float) -> None:
+        rate, seconds = lasts
+        frames = feed_frames(kind, sysid, metres)
+        self._streams.append(_Stream(tap, "feed", frames, int(rate * seconds), rate, now))
+        self.note("feed_begun", f"{kind}, {rate:g} a second for {seconds:g} s", station=tap.name, kind=kind)
+
     def tick(self, now: float) -> None:
         """Send what is due."""
         for stream in list(self._streams):
@@ -324,6 +337,53 @@ class Rogue:
                 self._streams.remove(stream)
                 text = f"{stream.sent} datagrams sent"
                 self.note(f"{stream.what}_ended", text, station=stream.tap.name, datagrams=stream.sent)
+
+
+def feed_frames(kind: str, sysid: int, metres: float) -> list[bytes]:
+    """Frames of one feed, numbered as one sender does it. Raises ValueError for another kind."""
+    if kind not in _FEEDERS:
+        raise ValueError(f"no such feed: {kind!r}")
+    component, make = _FEEDERS[kind]
+    sender: Any = mavlink.MAVLink(None, srcSystem=sysid, srcComponent=component)
+    frames = []
+    for number in range(256):
+        sender.seq = number
+        frames.append(bytes(make(number, metres).pack(sender)))
+    return frames
+
+
+def _corrections(number: int, metres: float) -> Any:
+    """Message 1005 of RTCM 3, of a base near the flights, and nothing else."""
+    x, y, z = _BASE
+    fields = [(1005, 12), (1, 12), (0, 6), (0b1110, 4)]
+    for value, more in ((x, 2), (y + metres, 2), (z, 0)):
+        fields += [(round(value * 10000) % (1 << 38), 38), (0, more)]
+    bits = "".join(f"{value:0{width}b}" for value, width in fields if width)
+    body = b"\xd3\x00\x13" + int(bits, 2).to_bytes(19, "big")
+    data = body + crc24q(body).to_bytes(3, "big")
+    return mavlink.MAVLink_gps_rtcm_data_message(number % 32 << 3, len(data), list(data.ljust(180, b"\0")))
+
+
+def _traffic(number: int, _metres: float) -> Any:
+    at = (527_000_000 + number, 57_000_000)
+    return mavlink.MAVLink_adsb_vehicle_message(0xABCDE, *at, 0, 900_000, 0, 5000, 0, b"OTHER", 0, 1, 3, 1200)
+
+
+def _operator(number: int, metres: float) -> Any:
+    at = (527_000_000 + round(metres * 90), 57_000_000)
+    return mavlink.MAVLink_open_drone_id_system_message(
+        0, 0, bytes(20), 1, 0, *at, 1, 0, -1000, -1000, 0, 0, 12.0, number
+    )
+
+
+#: a place on Earth, in metres from its centre
+_BASE: Final = (3_855_000.0, 386_000.0, 5_050_000.0)
+#: kind -> the component that sends it, and what makes one message of its number
+_FEEDERS: Final[Mapping[str, tuple[int, Callable[[int, float], Any]]]] = {
+    "rtk": (mavlink.MAV_COMP_ID_GPS, _corrections),
+    "adsb": (mavlink.MAV_COMP_ID_ADSB, _traffic),
+    "remote-id": (mavlink.MAV_COMP_ID_MISSIONPLANNER, _operator),
+}
 
 
 def _packed(messages: Sequence[Any], sysid: int) -> list[bytes]:

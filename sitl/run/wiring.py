@@ -446,6 +446,8 @@ def _vehicle(
         tables["limits"] = scenario.limits
     if scenario.policy:
         tables["policy"] = scenario.policy
+    if scenario.feeds:
+        tables["feeds"] = scenario.feeds
     if box:
         tables["position"] = {**scenario.box, "box": f"tcp:{box}"}
     return tables

@@ -29,6 +29,7 @@ Before the steps stands what the flight is made of, where that differs from the 
     serial = [{lines = ["GCSA", "autopilot"], baud = 57600, damage = 0.0005, bursts_per_s = 2}]   lines with noise
     rogue = ["GCSB"]               an attacker in this station's link to the vehicle
     box = {source = "box"}         a position box; [position] of the vehicle's configuration, without where the box is
+    feeds = {rtk = ["GCSA"]}       [feeds] of the vehicle's configuration
     fsync_s = 2.0                  each time that the companion waits for its disk takes this long
     fleet = {drone-2 = "linear"}   further vehicles, each with a mission of its own and the same stations
 
@@ -49,6 +50,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
+from mavproxy_handover.config.feeds import feed_settings
 from mavproxy_handover.config.files import ConfigError
 from mavproxy_handover.config.position import position_settings
 from mavproxy_handover.gate.client_capabilities import POLICIES
@@ -117,6 +119,7 @@ _KEYS = (
     "serial",
     "rogue",
     "box",
+    "feeds",
     "fsync_s",
     "fleet",
     "limits",
@@ -254,10 +257,23 @@ class Scenario:
     rogue: tuple[str, ...] = ()
     #: [position] of the vehicle's configuration, without the address, where there is a box
     box: Mapping[str, str | float] = field(default_factory=dict)
+    #: [feeds] of the vehicle's configuration
+    feeds: Mapping[str, Any] = field(default_factory=dict)
     #: how long the companion's disk takes, if it is a slow one
     fsync_s: float = 0.0
     #: further vehicles: name -> mission
     fleet: Mapping[str, str] = field(default_factory=dict)
+
+
+def _feeds(reader: Reader, data: Mapping[str, Any]) -> Mapping[str, Any]:
+    """[feeds], checked as the vehicle's configuration is. Raises ScenarioError."""
+    table = reader.table(data, "feeds", {})
+    named = {name: 1 for names in table.values() if isinstance(names, list) for name in names}
+    try:
+        feed_settings({"feeds": table}, Path(reader.file), named)
+    except ConfigError as error:
+        raise reader.error("feeds", str(error).partition("] ")[2]) from None
+    return table
 
 
 def program_of(station: str) -> str:
@@ -345,6 +361,7 @@ def parse_scenario(text: str, file: str) -> Scenario:
             reader.at(f"serial {number}").build(SerialLines, table)
             for number, table in enumerate(reader.tables(data, "serial"), 1)
         ),
+        feeds=_feeds(reader, data),
         rogue=reader.value(data, "rogue", tuple[str, ...], ()),
         box=_box(reader, data),
         fsync_s=fsync_s,
