@@ -48,7 +48,7 @@ from mavproxy_handover.mission.open_takeoff import climb_m, open_takeoff
 from mavproxy_handover.mission.package import MISSION_FILE, MissionPackage
 from mavproxy_handover.mission.path import Path, Turn
 from mavproxy_handover.mission.plan import Route
-from mavproxy_handover.mission.room import has_room
+from mavproxy_handover.mission.room import has_room, is_covered
 from mavproxy_handover.mission.route_simulation import (
     Gap,
     RouteSimulation,
@@ -56,6 +56,7 @@ from mavproxy_handover.mission.route_simulation import (
     landing_sequences,
     legs_of,
     sequence_place,
+    simulate_legs,
     speed_at,
 )
 from mavproxy_handover.mission.terrain import CLEAR_M
@@ -155,6 +156,7 @@ def check(
         ("parent-zone", _start(package, simulation)),
         ("coverage", _gaps(package, simulation, path)),
         ("turns", () if path is None or air is None else _turns(package, path, air)),
+        ("turns", () if path is None else _other_side(package, simulation, path, wind)),
         ("take-off", _takeoff(package, air)),
         ("landing-sequence", _returns(package)),
         ("declared-gaps", _declared(package, crossed)),
@@ -247,6 +249,30 @@ def _turns(package: MissionPackage, path: Path, air: Air) -> Iterator[Finding]:
             yield Finding(Severity.WARNING, f"{text}. All within {reach_m:.0f} m of it is covered alike", tight.seq)
         else:
             yield Finding(Severity.ERROR, text, tight.seq)
+
+
+def _other_side(
+    package: MissionPackage, simulation: RouteSimulation, path: Path, wind: Wind | None
+) -> Iterator[Finding]:
+    """Findings about what wings may fly beside their path: narrower turns, turns about, and what is not known."""
+    finder, fence = package.zone_finder(), Fence(package.route.fence)
+    for loose in path.loose:
+        if not is_covered(loose.leg, loose.radius_m, finder, fence):
+            text = f"on the way to item {loose.seq} the aircraft {loose.why}, anywhere within {loose.radius_m:.0f} m"
+            yield Finding(Severity.ERROR, f"{text}. Not all of that is covered, and inside the geofence", loose.seq)
+    other = package.path_on_other_side(wind)
+    if other is None or path.turns == other.turns:
+        return
+    beside = simulate_legs(other.legs, finder, package.parent.sysid, belonging=package.belonging)
+    known = {gap.seq for gap in undeclared(package.gaps, simulation)}
+    warns = package.policies.get("on_out_of_coverage") == "warn"
+    for gap in undeclared(package.gaps, beside):
+        if gap.seq not in known:
+            known.add(gap.seq)
+            text = f"no coverage for {_gap_words(gap)}, if it turns without sideslip, or to the other side"
+            yield Finding(Severity.WARNING if warns else Severity.ERROR, text, gap.seq)
+    if not any(True for _ in _fence(package, simulation)):
+        yield from _fence(package, beside)
 
 
 def _takeoff(package: MissionPackage, air: Air | None) -> Iterator[Finding]:

@@ -211,7 +211,7 @@ def _wings_lines() -> Iterator[str]:
     yield _line(f"# bank_deg = {AS_IT_COMES.bank_deg:g}", "ROLL_LIMIT_DEG")
     yield _line(f"# waypoint_m = {AS_IT_COMES.waypoint_m:g}", "WP_RADIUS")
     yield _line(f"# circle_m = {AS_IT_COMES.circle_m:g}", "WP_LOITER_RAD, without its sign")
-    yield _line(f"# turn_part = {AS_IT_COMES.turn_part:g}", "1 for an aircraft that turns without slip")
+    yield _line(f"# turn_part = {AS_IT_COMES.turn_part:g}", "1 for an aircraft that turns without sideslip")
 
 
 def _line(text: str, comment: str) -> str:

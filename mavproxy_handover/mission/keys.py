@@ -143,7 +143,7 @@ WINGS: Final = KeyTable(
             bank_deg    10 to 75    how steeply it banks in a turn: ROLL_LIMIT_DEG
             waypoint_m  1 to 1000   how near a waypoint it turns to the next one, at the most: WP_RADIUS
             circle_m    10 to 2550  radius of a circle whose item has none, without its sign: WP_LOITER_RAD
-            turn_part   0.4 to 1    how much it turns at a bank, as a part of a turn without slip: 0.67 is SITL's plane
+            turn_part   0.4 to 1    how much of a turn without sideslip its turns have: 0.67 is SITL's plane
             """,
         AS_IT_COMES,
     ),

@@ -44,12 +44,12 @@ _CAPTURE: Final = math.sin(math.radians(45.0))
 #: RLL2SRV_TCONST, and the part of a difference in bank that is left after a step
 _BANK_DELAY_S: Final = 0.5
 _LEFT: Final = math.exp(-STEP_S / _BANK_DELAY_S)
-#: the slip of a turn follows the bank with this delay (s; ArduPlane's planes in SITL), and its part of a step
+#: the sideslip of a turn follows the bank with this delay (s; ArduPlane's planes in SITL), and its part of a step
 _SLIP_DELAY_S: Final = 0.6
 _SLIPS: Final = 1.0 - math.exp(-STEP_S / _SLIP_DELAY_S)
 #: after the end of a line by so many seconds of flight, its end is headed for
 _BEYOND_S: Final = 3.0
-#: ArduPlane behind the beginning of a line, in a cone of 45 degrees, heads for that beginning
+#: before the beginning of a line, in a cone of 45 degrees, that beginning is headed for
 _BEHIND: Final = -math.cos(math.radians(45.0))
 _LEAST_MPS: Final = 1.0
 #: beyond that angle (radians) small differences decide to which side it turns
@@ -73,7 +73,7 @@ class Flyer:
     turn_part: float = 1.0
     about: float = 1.0
     bank: float = 0.0
-    slip_mpss: float = 0.0
+    sideslip_mpss: float = 0.0
     time_s: float = 0.0
 
     @property
@@ -95,8 +95,8 @@ class Flyer:
         before = self.bank
         self.bank = wanted + (before - wanted) * _LEFT
         pull = _GRAVITY_MPSS * math.tan((before + self.bank) / 2.0)
-        self.slip_mpss += ((1.0 - self.turn_part) * pull - self.slip_mpss) * _SLIPS
-        turned = (pull - self.slip_mpss) / self.speed_mps * STEP_S
+        self.sideslip_mpss += ((1.0 - self.turn_part) * pull - self.sideslip_mpss) * _SLIPS
+        turned = (pull - self.sideslip_mpss) / self.speed_mps * STEP_S
         middle = self.heading + turned / 2.0
         self.heading = math.remainder(self.heading + turned, math.tau)
         self.east += (self.speed_mps * math.sin(middle) + self.wind[0]) * STEP_S

@@ -180,8 +180,8 @@ class MissionPackage:
         return path_of(self.route, self.air(wind)) if self.profile.flies_past else None
 
     def path_on_other_side(self, wind: Wind | None = None) -> FlownPath | None:
-        """Without slip, and with turns about to the left: what wings fly is between `path` and this one."""
-        return path_of(self.route, self.air(wind), slips=False, about=-1.0) if self.profile.flies_past else None
+        """Without sideslip, and with turns about to the left: what wings fly is between `path` and this one."""
+        return path_of(self.route, self.air(wind), sideslip=False, about=-1.0) if self.profile.flies_past else None
 
     def legs(self, wind: Wind | None = None) -> tuple[Leg, ...]:
         """The flown path as straight pieces: the lines of the route, or the path of wings."""

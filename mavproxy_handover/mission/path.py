@@ -64,7 +64,7 @@ from mavproxy_handover.mission.wing_circle import CircleFlight, CircleGoal
 from mavproxy_handover.mission.wing_trail import Trail
 from mavproxy_handover.mission.wings import ROLL_IN_S, Air, true_airspeed_factor, turn_end_m
 
-__all__ = ["Path", "Tight", "Turn", "path_of"]
+__all__ = ["Loose", "Path", "Tight", "Turn", "path_of"]
 
 #: less than that is no turn
 _LEAST_TURN_DEG: Final = 2.0
@@ -78,6 +78,10 @@ _MOST_STEPS, _STEPS_LEFT = 3000, 2.5
 _TURNED_M, _TURNED_MPSS = 5.0, 1.0
 #: NAV_CONTINUE_AND_CHANGE_ALT moves the end of the line by the second distance when it is nearer than the first (m)
 _NEAR_END_M, _FURTHER_M = 200.0, 300.0
+#: Q_TRANS_DECEL: how fast a quadplane slows down to hover
+_SLOWS_MPSS: Final = 2.0
+#: TECS_CLMB_MAX: how fast wings may climb or sink at the most
+_FASTEST_CLIMB_MPS: Final = 5.0
 #: a circle is flown to along a line while it is farther away than so many radii
 _FAR_RADII: Final = 3.0
 _MIDDLE: Final[Point] = (0.0, 0.0)
@@ -114,37 +118,51 @@ class Tight:
 
 
 @dataclass(frozen=True, slots=True)
+class Loose:
+    """A part of the way to item `seq` that is not known: within `radius_m` of a leg. `why`: what is flown there."""
+
+    seq: int
+    leg: Leg
+    radius_m: float
+    why: str
+
+
+@dataclass(frozen=True, slots=True)
 class Path:
     """The flown path.
 
-    Fields: legs in order, turns, legs that are too short for their turns, and items that the wind does not allow.
+    Fields: legs in order, turns, and legs that are too short for their turns. Then items that the wind does not allow,
+    and parts of the way that are not known.
     """
 
     legs: tuple[Leg, ...]
     turns: tuple[Turn, ...]
     tight: tuple[Tight, ...]
     unflown: tuple[int, ...]
+    loose: tuple[Loose, ...] = ()
 
     def turn_at(self, along_m: float) -> Turn | None:
         """The turn that is flown there, counted along the path."""
         return next((turn for turn in self.turns if turn.begins_m <= along_m <= turn.ends_m), None)
 
 
-def path_of(route: Route, air: Air, *, slips: bool = True, about: float = 1.0) -> Path:
+def path_of(route: Route, air: Air, *, sideslip: bool = True, about: float = 1.0) -> Path:
     """The path of a route of an aircraft with wings. `air`: the airspeed until an item changes it, and the wind.
 
-    `slips`: its turns have the slip of [wings]; else none, so they are as narrow as the bank allows. `about`: to which
-    side it turns about, 1.0 to the right, -1.0 to the left.
+    `sideslip`: its turns have the sideslip of [wings]. Else they have none and are as narrow as the bank allows, and it
+    climbs as fast as ArduPlane allows. `about`: the side to which it turns about, 1.0 to the right, -1.0 to the left.
     """
-    return _Tracer(route, air, route.wings.turn_part if slips else 1.0, about).path()
+    if sideslip:
+        return _Tracer(route, air, route.wings.turn_part, about, WING_CLIMB_MPS).path()
+    return _Tracer(route, air, 1.0, about, _FASTEST_CLIMB_MPS).path()
 
 
 class _Tracer:
     """Flies along the lines of a route."""
 
-    def __init__(self, route: Route, air: Air, turn_part: float, about: float) -> None:
+    def __init__(self, route: Route, air: Air, turn_part: float, about: float, climb_mps: float) -> None:
         self._route = route
-        self._turn_part, self._about = turn_part, about
+        self._turn_part, self._about, self._climb_mps = turn_part, about, climb_mps
         self._air = air
         self._lines = legs_of(route, air.airspeed_mps)
         self._hovering = {line.seq for line in self._lines if hovers_at(route, line.seq)}
@@ -156,6 +174,7 @@ class _Tracer:
         self._turns: list[Turn] = []
         self._tight: list[Tight] = []
         self._unflown: list[int] = []
+        self._loose: list[Loose] = []
         #: length of the line from here that the last turn needs
         self._used_m = 0.0
         #: the turn that is flown: its item, its angle, where it began, and how far outside of the line it came
@@ -170,7 +189,8 @@ class _Tracer:
             self._fly(line, self._route.items[line.seq - 1], following)
         for tight in self._tight:
             self._circle_more(tight.seq)
-        return Path(tuple(self._trail.legs), tuple(self._turns), tuple(self._tight), tuple(self._unflown))
+        legs, turns = tuple(self._trail.legs), tuple(self._turns)
+        return Path(legs, turns, tuple(self._tight), tuple(self._unflown), tuple(self._loose))
 
     def _fly(self, line: Leg, item: MissionItem, following: Leg | None) -> None:
         circles = self._circles(item) and (line.length_m >= SAME_M or item.command in LOITERS)
@@ -207,12 +227,23 @@ class _Tracer:
             return item.param1 == 1.0
         return item.command == RETURN_TO_LAUNCH and not self._route.profile.vertical
 
+    def _lands_on_wings(self, line: Leg) -> bool:
+        """True if a quadplane in hover flies to its landing on its wings, as ArduPlane has it."""
+        return line.length_m >= SAME_M and self._route.items[line.seq - 1].command == VTOL_LAND
+
     # --- straight ---
 
     def _straight(self, line: Leg) -> None:
         """A line as it is: straight up or down, in hover, in a take-off, or what is left of it."""
         here = self._trail.here
+        if line.seq in self._hovering and self._flyer is not None:
+            speed_mps = self._flyer.ground_mps
+            stops_m = speed_mps**2 / (2.0 * _SLOWS_MPSS) + ROLL_IN_S * speed_mps
+            self._loose.append(Loose(line.seq, replace(line, end=here, start=here), stops_m, "slows down to hover"))
         length = distance_m(*here[:2], *line.end[:2])
+        if line.seq in self._hovering and self._lands_on_wings(line):
+            far_m = 2.0 * self._route.wings.turn_radius_m(self._air.fastest_mps)
+            self._loose.append(Loose(line.seq, replace(line, start=here), far_m, "takes to its wings again to land"))
         made_mps = line.speed_mps
         if line.seq not in self._hovering:
             made_mps = self._air_of(line).ground_mps(bearing_of_deg(here, line.end))
@@ -323,7 +354,7 @@ class _Tracer:
         self._turning = None
 
     def _note_tight(self, flyer: Flyer, line: Leg, item: MissionItem, following: Leg | None) -> None:
-        """Note a leg that is shorter than its turns need, and what the turn at its end needs of the next one."""
+        """Note a leg that is shorter than its turns need. What the turn at its end needs counts for the next one."""
         speed_mps = self._air_of(line).fastest_mps
         needed, used = self._used_m, 0.0
         if self._circles(item):
@@ -357,12 +388,15 @@ class _Tracer:
         start, end = self._trail.metres(last[0]), self._trail.metres(last[1])
         alt_m, began_s = self._trail.here[2], flyer.time_s
         rise = line.end[2] - alt_m
-        takes_s = abs(rise) / WING_CLIMB_MPS
+        takes_s = abs(rise) / self._climb_mps
         while flyer.time_s - began_s < takes_s:
             if math.dist((flyer.east, flyer.north), end) < _NEAR_END_M:
                 end = beyond(start, end, _FURTHER_M)
             flyer.step(along_line(flyer, start, end))
             self._trail.follow(flyer, alt_m + rise * min(1.0, (flyer.time_s - began_s) / takes_s))
+        soonest = replace(line, start=line.at(WING_CLIMB_MPS / _FASTEST_CLIMB_MPS), end=line.end)
+        reach_m = self._route.wings.reach_m(self._air_of(line).fastest_mps)
+        self._loose.append(Loose(line.seq, soonest, reach_m, "turns as soon as it has the height"))
         self._trail.note(flyer, line.end[2])
         self._last = (last[0], self._trail.place(end))
 
@@ -374,7 +408,7 @@ class _Tracer:
         start, keeps = self._start(flyer)
         if item.command == RETURN_TO_LAUNCH:
             keeps = False
-        rise_s = abs(line.end[2] - trail.here[2]) / WING_CLIMB_MPS
+        rise_s = abs(line.end[2] - trail.here[2]) / self._climb_mps
         began_s = flyer.time_s
         self._to_circle(flyer, start if keeps else None, (radius, side), line.end[2])
         self._end_turn(flyer)
@@ -384,6 +418,10 @@ class _Tracer:
         to = None if following is None else self._trail.metres(self._route_place(following))
         CircleFlight(flyer, trail, radius, side, line.end[2]).fly(goal, to)
         self._turns.append(Turn(line.seq, 360.0, radius, 0.0, begins_m, trail.along_m))
+        if item.command == VTOL_LAND:
+            far_m = radius + 2.0 * self._route.wings.turn_radius_m(flyer.ground_mps)
+            spot = replace(line, start=line.end)
+            self._loose.append(Loose(line.seq, spot, far_m, "circles down and comes in against the wind"))
         if item.command == VTOL_LAND or following is None or following.length_m < SAME_M:
             self._straight(replace(line, hold_s=0.0))
             return

@@ -18,7 +18,7 @@ from mavproxy_handover.mission.geodesy import offset
 from mavproxy_handover.mission.leg import Leg, Place
 from mavproxy_handover.mission.zones import ZoneFinder
 
-__all__ = ["has_room"]
+__all__ = ["has_room", "is_covered"]
 
 #: directions all around a place
 _AROUND: Final = [math.radians(15.0 * number) for number in range(24)]
@@ -32,6 +32,11 @@ def has_room(leg: Leg, reach_m: float, finder: ZoneFinder, fence: Fence) -> bool
     """True if one and the same coverage, and the geofence, hold all that is within `reach_m` of a leg."""
     held = finder.holding(*leg.start)
     return bool(held) and all(finder.holding(*spot) == held and fence.holds(spot[:2]) for spot in _spots(leg, reach_m))
+
+
+def is_covered(leg: Leg, reach_m: float, finder: ZoneFinder, fence: Fence) -> bool:
+    """True if any coverage, and the geofence, hold all that is within `reach_m` of a leg."""
+    return all(finder.holding(*spot) and fence.holds(spot[:2]) for spot in _spots(leg, reach_m))
 
 
 def _spots(leg: Leg, reach_m: float) -> Iterator[Place]:

@@ -40,7 +40,7 @@ class CircleGoal:
 
     @classmethod
     def of(cls, item: MissionItem, climbs_s: float) -> CircleGoal:
-        """That of an item; `climbs_s`: what its change of height takes after the circle is reached."""
+        """Goal of an item. `climbs_s`: what its change of height takes after the circle is reached."""
         if item.command == LOITER_TURNS:
             return cls(_ROUND_DEG * item.param1)
         if item.command == LOITER_TIME:

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""The flown way of an aircraft with wings as straight legs: where it is, and what it has flown until there.
+"""The flown way of an aircraft with wings, as straight legs.
 
-The guidance moves a `Flyer` in steps of two metres. The legs here are longer: one ends where the course since its
-beginning has led 1 m away from its first direction, so it is within 0.3 m of the curve.
+The guidance moves a `Flyer` in steps of two metres. The legs here are longer. A leg ends where the aircraft is 1 m away
+from the direction that it had at its beginning. So the leg is within 0.3 m of the curve.
 """
 
 from __future__ import annotations

@@ -53,12 +53,14 @@ headwind_mps = 0
     "quadplane": """
 [wings]
 circle_m = 80
-turn_part = 0.8
+turn_part = 0.77
 
 [energy]
 battery_wh = 5000.0
-hover_w = 650.0
-cruise_w = 134.0
+hover_w = 530.0
+cruise_w = 127.0
+climb_factor = 1.17
+descent_factor = 0.95
 cruise_mps = 22.0
 headwind_mps = 0
 """,

@@ -55,7 +55,7 @@ def from_corner(path, number):
 
 
 def test_radius_of_a_turn():
-    """Without slip it is v^2 / (g tan bank), with slip it is wider by its part."""
+    """Without sideslip it is v^2 / (g tan bank), with sideslip it is wider by its part."""
     assert Wings(turn_part=1.0).turn_radius_m(20.0) == near(40.789, 1e-3)
     assert Wings(turn_part=1.0, bank_deg=30.0).turn_radius_m(20.0) == near(70.648, 1e-3)
     assert Wings(turn_part=0.5).turn_radius_m(20.0) == near(81.577, 1e-3)
@@ -120,9 +120,9 @@ def test_a_quadplane_rises_flies_its_turn_and_comes_down():
 
 
 def test_a_right_angle_is_flown_past_its_corner_and_comes_outside_the_next_leg():
-    """Flown so on ArduPlane at 22 m/s: turned 91 m before it, 18 m outside. A turn without slip stays nearer."""
+    """Flown so on ArduPlane at 22 m/s: turned 91 m before it, 18 m outside. A turn without sideslip stays nearer."""
     (turn,) = path_of(CORNER, CALM).turns
-    (narrow,) = path_of(CORNER, CALM, slips=False).turns
+    (narrow,) = path_of(CORNER, CALM, sideslip=False).turns
     assert 10.0 < turn.outside_m < 25.0
     assert narrow.outside_m < turn.outside_m - 5.0
 
@@ -148,7 +148,7 @@ def test_the_same_route_gives_the_same_path():
 def test_a_tail_wind_makes_less_time_and_wider_turns():
     """22 m/s and 8 m/s from behind. Flown so on ArduPlane the turn came 30.6 m outside: between the two walks."""
     air = Air(22.0, Wind(8.0, 270.0))
-    path, narrow = path_of(CORNER, air), path_of(CORNER, air, slips=False)
+    path, narrow = path_of(CORNER, air), path_of(CORNER, air, sideslip=False)
     assert sum(leg.duration_s for leg in path.legs if leg.seq == 2) == near((2226.39 - 90.5) / 30.06, 0.15)
     assert narrow.turns[0].outside_m < 30.6 < path.turns[0].outside_m
     assert path.turns[0].outside_m > path_of(CORNER, Air(22.0)).turns[0].outside_m + 15.0
@@ -161,7 +161,7 @@ def test_the_distances_of_an_item_replace_wp_radius():
 
     assert turn((0, 10.9, 0, 0)).begins_m == near(2226.39 - 10.0, 2.1), "in whole metres"
     assert turn((0, 10.9, 0, 0)).outside_m == near(60.9, 12.0), (
-        "the radius of a turn with its slip, and what banking takes"
+        "the radius of a turn with its sideslip, and what banking takes"
     )
     assert turn((0, 0, 30, 0)).begins_m == near(2226.39 + 30.0, 2.1)
     assert turn((0, 0, 30, 0)).outside_m == near(turn((0, 10.9, 0, 0)).outside_m + 40.0, 4.0)
@@ -182,7 +182,7 @@ def test_rounds_of_a_circle_and_on_to_where_it_is_left():
     """Ten turns of 100 m are 6.28 km. The second stands for the rest. Radii are those at the sea: 60 m up it is 0.6 m
     more."""
     path = path_of(
-        route(item(1, 84), item(2, 18, 0, 20, params=(10, 0, 100, 0)), item(3, 16, 20, 20)), CALM, slips=False
+        route(item(1, 84), item(2, 18, 0, 20, params=(10, 0, 100, 0)), item(3, 16, 20, 20)), CALM, sideslip=False
     )
     (turn,) = path.turns
     assert (turn.circle, turn.radius_m) == (True, near(100.58, 0.1))
@@ -196,13 +196,15 @@ def test_rounds_of_a_circle_and_on_to_where_it_is_left():
 
 
 def test_a_circle_with_slip_is_wider_than_its_item_says():
-    """Flown so on ArduPlane: 118 m instead of 100 m at 23 m/s. Its guidance does not know of the slip."""
+    """Flown so on ArduPlane: 118 m instead of 100 m at 23 m/s. Its guidance does not know of the sideslip."""
 
-    def farthest_m(**slip):
-        path = path_of(route(item(1, 84), item(2, 18, 0, 20, params=(6, 0, 100, 0)), item(3, 16, 20, 20)), CALM, **slip)
+    def farthest_m(**options):
+        path = path_of(
+            route(item(1, 84), item(2, 18, 0, 20, params=(6, 0, 100, 0)), item(3, 16, 20, 20)), CALM, **options
+        )
         return max(math.hypot(*east_north_m(0.0, 10.02, *leg.end[:2])) for leg in path.legs if leg.times > 1)
 
-    assert farthest_m(slips=False) == near(100.6, 0.5)
+    assert farthest_m(sideslip=False) == near(100.6, 0.5)
     assert farthest_m() == near(114.0, 2.0)
 
 
@@ -418,6 +420,29 @@ def test_a_turn_whose_outside_leaves_coverage_is_found(winged):
     assert ", in the turn at item 2 (150 degrees, radius 61 m, " in text
     winged.items[1]["params"][1] = 0  # as WP_RADIUS has it
     assert [each for each in errors(winged) if "no coverage" in each] == []
+
+
+def test_a_turn_about_that_leaves_coverage_to_its_other_side_is_found(winged):
+    """East to 10.015 and back to the west: to the right by the south, else by the north."""
+    winged.items[2:2] = [winged.item(3, 16, 0.0, 10.015, 30)]
+    winged.items[1], winged.items[2] = winged.items[2], winged.items[1]
+    winged.items[2]["params"][4:6] = [0.0, 10.005]
+    assert [each for each in errors(winged) if "no coverage" in each] == []
+    for feature, (west, east) in zip(winged.zones["features"], ((9.98, 10.02), (10.01, 10.05)), strict=True):
+        feature["geometry"]["coordinates"] = [winged.box(west, east, -0.02, 0.0007)]
+    right, left = [each for each in errors(winged) if "no coverage" in each]
+    assert ", in the turn at item 3 (180 degrees, radius 61 m, 125 m outside)" in right, "from the west to the right"
+    assert left.endswith("if it turns without sideslip, or to the other side")
+    assert "on the way to 3" in left
+
+
+def test_a_quadplane_that_slows_down_to_hover_needs_room_all_around(winged):
+    winged.items[2:2] = [winged.item(3, 3000, 0.0, 0.0, 0), winged.item(4, 16, 0.0, 10.031, 30)]
+    winged.items[2]["params"][:4] = [3, 0, 0, 0]
+    assert [each for each in errors(winged) if "slows down to hover" in each] == []
+    winged.zones["features"][1]["geometry"]["coordinates"] = [winged.box(10.01, 10.0302, -0.02, 0.02)]
+    (text,) = [each for each in errors(winged) if "slows down to hover" in each]
+    assert text.endswith("Not all of that is covered, and inside the geofence")
 
 
 TIGHT = "the leg to item 3 is 111 m, the turns at its ends need 123 m: where it is flown is not known"

@@ -19,7 +19,7 @@ from mavproxy_handover.core.safety.energy import Wind
 from mavproxy_handover.core.safety.energy_prior import EnergySettings
 from mavproxy_handover.mission.energy import budget_of
 from mavproxy_handover.mission.geodesy import distance_m, east_north_m
-from mavproxy_handover.mission.items import COMMANDS, LANDINGS, RETURN_TO_LAUNCH
+from mavproxy_handover.mission.items import COMMANDS, LANDINGS, RETURN_TO_LAUNCH, VTOL_LAND
 from mavproxy_handover.mission.leg import Leg, round_by_round
 from mavproxy_handover.mission.pace import Pace
 from mavproxy_handover.mission.package import MissionPackage
@@ -42,6 +42,8 @@ _UP_M: Final = 0.5
 #: positions nearer than this to the last one are no way (m)
 _STEP_M: Final = 2.0
 _LONGEST_S: Final = 2400.0
+#: a quadplane flies so far (m) beyond the place of its landing before it comes to a stop
+STOPS_M: Final = 15.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -159,8 +161,9 @@ def judged(name: str, package: MissionPackage, places: Sequence[Place]) -> Outco
     model = package.energy.model(CALM, package.profile.energy)
     assert model is not None
     budget = budget_of(package.route, package.cruise_speed_mps, model)
-    turned = [legs, *_about(package)]
-    beside = max((min(_beside(each, place) for each in turned), place.seq) for place in flown)
+    turned, loose = [legs, *_about(package)], _loose(package)
+    known = [place for place in flown if not any(_off(leg, place)[0] < far_m for leg, far_m in loose)]
+    beside = max((min(_beside(each, place) for each in turned), place.seq) for place in known)
     above = max((_above(legs, place), place.seq) for place in flown)
     return Outcome(
         name,
@@ -177,6 +180,19 @@ def _about(package: MissionPackage) -> list[tuple[Leg, ...]]:
     if not package.profile.flies_past:
         return []
     return [round_by_round(path_of(package.route, package.air(CALM), about=-1.0).legs)]
+
+
+def _loose(package: MissionPackage) -> list[tuple[Leg, float]]:
+    """Legs, and how far around each the way of wings is not known.
+
+    A quadplane that lands is not known within `STOPS_M` of its place.
+    """
+    path = package.path(CALM)
+    if path is None:
+        return []
+    landings = {item.seq for item in package.route.items if item.command == VTOL_LAND}
+    stops = [(leg, STOPS_M) for leg in path.legs if leg.seq in landings and leg.length_m == 0.0]
+    return [*((loose.leg, loose.radius_m) for loose in path.loose), *stops]
 
 
 def _walked_s(package: MissionPackage) -> float:
