@@ -27,7 +27,7 @@ import math
 from dataclasses import dataclass
 from typing import Final
 
-__all__ = ["CIRCLE_RATE_DEG_S", "WITHIN_M", "Ring", "Spline", "Vector", "circle_pieces", "ring"]
+__all__ = ["CIRCLE_RATE_DEG_S", "WITHIN_M", "Ring", "Spline", "Vector", "circle_pieces", "circle_rate", "ring"]
 
 #: how far a straight piece may be from the curve that it stands for (m)
 WITHIN_M: Final = 0.5
@@ -75,7 +75,7 @@ class Ring:
 
 def ring(told_m: float, speed_mps: float) -> Ring:
     """What is flown of a circle of that radius on a mission at that speed."""
-    rate = _target_mps(told_m, speed_mps) / told_m
+    rate = circle_rate(told_m, speed_mps)
     inward = math.atan(rate / _TO_ACCELERATION)
     low_m, high_m = 0.0, told_m
     for _ in range(_HALVINGS):
@@ -89,10 +89,10 @@ def ring(told_m: float, speed_mps: float) -> Ring:
     return Ring(told_m, flown_m, rate * flown_m, left, min(told_m, math.hypot(flown_m, stops_m)))
 
 
-def _target_mps(told_m: float, speed_mps: float) -> float:
-    """Speed of the target on a circle."""
-    across = math.sqrt(_ACROSS * _ACCELERATION_MPSS * told_m)
-    return min(speed_mps, across, math.radians(CIRCLE_RATE_DEG_S) * told_m)
+def circle_rate(told_m: float, speed_mps: float) -> float:
+    """Rate (radians/s) of the target on a circle of that radius, on a mission at that speed."""
+    across_mps = math.sqrt(_ACROSS * _ACCELERATION_MPSS * told_m)
+    return min(speed_mps / told_m, across_mps / told_m, math.radians(CIRCLE_RATE_DEG_S))
 
 
 def _behind_m(speed_mps: float) -> float:

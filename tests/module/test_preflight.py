@@ -539,6 +539,13 @@ def test_a_gap_of_the_mission_needs_a_guard_that_allows_it(most_s: float | None,
         assert found == (Finding("HNDO_ALONE_MAX", text),)
 
 
+def test_the_rate_of_a_circle_is_that_of_its_target() -> None:
+    """100 m at 10 m/s: the aircraft flies a smaller circle, and not faster around."""
+    turns = Path(__file__).resolve().parents[1] / "data" / "missions" / "loiter_turns"
+    assert plan_facts(load(turns).route, 10.0).circle_deg_s == pytest.approx(5.73, abs=0.01)
+    assert plan_facts(load(MISSIONS / "delivery").route).circle_deg_s == 0.0
+
+
 def test_the_facts_of_a_plan() -> None:
     facts = plan_facts(load(ROUND).route)
     assert (facts.fence, facts.inclusions, facts.highest_m) == (True, 1, 50.0)

@@ -72,12 +72,8 @@ FLOWN: Final = (
 PATH_M, WINGS_M, LENGTH, TIME = 5.0, 12.0, 0.02, 0.12
 #: and of energy: by how much the walk may have too little, and too much. A change between wings and rotors has too much
 ENERGY: Final = {"copter": (0.10, 0.10), "plane": (0.10, 0.10), "quadplane": (0.10, 0.20)}
-_INSIDE: Final = "ArduCopter flies up to 5 % inside of a circle of 60 to 120 m; the walk has the radius that it is told"
-_CORNERS: Final = "a stop is counted at each corner: the energy of many short legs is up to 15 % too high"
 #: what the flights have shown to be apart, with the reason; a flight that is within all limits is told, too
 APART: Final = {
-    **dict.fromkeys(("loiter-turns-copter", "loiter-turns-left-copter", "loiter-turns-half-copter"), _INSIDE),
-    **dict.fromkeys(("survey-copter-plan", "jumps-nested-copter-plan"), _CORNERS),
     "jump-to-tag-copter-plan": "with DO_JUMP_TAG ArduCopter 4.7-dev flies towards the item after the jump first",
     "two-landings-copter-waypoints": "ArduCopter disarms at the first landing, of which the check warns",
     "change-altitude-plane": "how fast it climbs decides where it turns: SITL's plane climbs faster than 2 m/s",

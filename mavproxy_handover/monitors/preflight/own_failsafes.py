@@ -28,7 +28,7 @@ fence.cpp of the latter, AP_BattMonitor (`check_failsafes`), AC_Fence; docs of t
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from math import degrees, inf
 from typing import Final
@@ -43,12 +43,12 @@ from mavproxy_handover.core.safety.energy import (
 )
 from mavproxy_handover.gate.policy.access import Access
 from mavproxy_handover.gate.policy.switches import switch_name, switch_rule
+from mavproxy_handover.mission.curves import circle_rate
 from mavproxy_handover.mission.geodesy import distance_m
 from mavproxy_handover.mission.heights import above_sea, above_terrain, low_ways, named
 from mavproxy_handover.mission.items import GRIPPER, LANDINGS, LOITER_TURNS, TAKEOFFS, MissionItem, stored_radius_m
-from mavproxy_handover.mission.leg import Leg
 from mavproxy_handover.mission.plan import Route, first_in_air, ways_from_land_starts
-from mavproxy_handover.mission.route_simulation import legs_of
+from mavproxy_handover.mission.route_simulation import cruise_of, legs_of, speed_at
 from mavproxy_handover.vehicle.profiles import SWITCHED, Profile, RuleGroup
 from mavproxy_handover.vehicle.return_limits import BELOW_CEILING_M
 
@@ -123,7 +123,7 @@ def plan_facts(route: Route, cruise_mps: float | None = None) -> PlanFacts:
         above_sea(route),
         above_terrain(route),
         route.ground is not None,
-        0.0 if route.profile.flies_past else _circle_deg_s(route, legs),
+        0.0 if route.profile.flies_past else _circle_deg_s(route, cruise_of(route, cruise_mps)),
         cruise_mps,
         next((low.text for low in low_ways(route, legs)), ""),
         next((item.seq for item in route.items if item.command == GRIPPER), None),
@@ -131,17 +131,13 @@ def plan_facts(route: Route, cruise_mps: float | None = None) -> PlanFacts:
     )
 
 
-def _circle_deg_s(route: Route, legs: Sequence[Leg]) -> float:
+def _circle_deg_s(route: Route, cruise_mps: float) -> float:
     """The greatest rate of a copter's circles in the energy rule."""
-    items = ((route.items[leg.seq - 1], leg.speed_mps) for leg in legs if leg.curved)
-    return max(
-        (
-            degrees(speed_mps / abs(stored_radius_m(item.param3)))
-            for item, speed_mps in items
-            if item.command == LOITER_TURNS
-        ),
-        default=0.0,
+    circles = (item for item in route.items if item.command == LOITER_TURNS)
+    rates = (
+        circle_rate(abs(stored_radius_m(item.param3)), speed_at(route, item.seq) or cruise_mps) for item in circles
     )
+    return degrees(max(rates, default=0.0))
 
 
 Parameters = Mapping[str, float]
