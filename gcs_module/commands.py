@@ -47,6 +47,9 @@ _MATTERS: Final = (("START", "STOP", "CONTINUE", "RESUME", "RETURN"), ("REQUEST"
 _MOST_OWED: Final = 2
 #: arguments of `handover rehearse`
 _REHEARSAL: Final = ("end", "report")
+#: words of payload authority, and the time-out in the request, which is answered at once
+_PAYLOAD: Final = ("request", "release")
+_PAYLOAD_S: Final = 10.0
 #: word that ends a delegation, and the longest name of a program
 _NO_PROGRAM: Final = "no"
 _PROGRAM_BYTES: Final = 20
@@ -166,6 +169,10 @@ class StationCommands:
                 "PROGRAM|no: let an onboard program lead the aircraft in GUIDED, or take that back",
                 self._delegate,
             ),
+            "payload": (
+                "request|release: gimbal, camera and winch, where the vehicle's file allows that",
+                self._payload,
+            ),
             "rehearse": ("end|report: of the rehearsal", self._of_rehearsal),
             "connect": (
                 "NUMBER|no: open a link to the vehicle's address of this question, or refuse all",
@@ -187,6 +194,7 @@ class StationCommands:
             f"give <{peers}>",
             f"override <{limits}>",
             "delegate <no>",
+            f"payload <{'|'.join(_PAYLOAD)}>",
             f"rehearse <{'|'.join(_REHEARSAL)}>",
             "connect <no>",
             "take",
@@ -362,6 +370,16 @@ class StationCommands:
         asking = _delegate_asking(self._module.sysid, wish, "" if ends else program, self._next_nonce(now))
         self._talks[word] = Conversation(asking, self._module.connection.send, now)
         self._module.event_log.command_sent(word)
+
+    def _payload(self, word: str) -> None:
+        """Payload authority: the standard's command, to the gimbal's component."""
+        if word not in _PAYLOAD:
+            self._module.view.show(f"handover payload: no {word!r}; there are {', '.join(_PAYLOAD)}")
+            return
+        own, now = self._module.config.station.sysid, time.monotonic()
+        asking = _payload_asking(self._module.sysid, own, request=word == _PAYLOAD[0])
+        self._talks["PAYLOAD"] = Conversation(asking, self._module.connection.send, now)
+        self._module.event_log.command_sent("PAYLOAD")
 
     def _next_nonce(self, now: float) -> int:
         """The number of a request: a new one each time, also within one step of a coarse clock."""
@@ -572,6 +590,13 @@ def _delegate_asking(vehicle: int, wish: int, program: str, nonce: int) -> Askin
 
     accepted = yield Ask("the delegation", (message,), answer, timeout_s=1.0, tries=5)
     return mavlink.MAV_RESULT_ACCEPTED if accepted else mavlink.MAV_RESULT_DENIED
+
+
+def _payload_asking(vehicle: int, own: int, *, request: bool) -> Asking:
+    gimbal = mavlink.MAV_COMP_ID_GIMBAL
+    message = command_long((vehicle, gimbal), OPERATOR_CONTROL, float(request), 0, _PAYLOAD_S, own)
+    answer = _ack(OPERATOR_CONTROL, own, sender=gimbal)
+    return (yield Ask("payload authority", (message,), answer, timeout_s=1.0, tries=5))
 
 
 def _rehearsal_asking(vehicle: int, wish: int, nonce: int) -> Asking:

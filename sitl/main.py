@@ -335,6 +335,7 @@ def _check_names(scenario: Scenario, package: packages.MissionPackage) -> None:
             *map(program_of, scenario.served),
             *map(panel_of, scenario.panel),
             *(["rogue"] if scenario.rogue else []),
+            *(["onboard"] if scenario.onboard else []),
         }
     ):
         raise ScenarioError(

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import partial
 from typing import Final
 
 from pymavlink.dialects.v20 import handover as mavlink
@@ -24,7 +25,7 @@ from mavproxy_handover.companion.restart import Restart
 from mavproxy_handover.companion.state_saver import PackageSaver, StateSaver
 from mavproxy_handover.config.running import Running
 from mavproxy_handover.core.arbiter import Arbiter, Identity
-from mavproxy_handover.core.authority.payload import PayloadAuthority, PayloadSettings
+from mavproxy_handover.core.authority.payload import PayloadAuthority
 from mavproxy_handover.core.common.events import Event
 from mavproxy_handover.core.remote_id import Operators
 from mavproxy_handover.gate.feeds import FeedNews
@@ -180,7 +181,7 @@ def parts_of(running: Running, base: Base, edge: Edge, hub: Hub) -> Parts:
         base.close()
         raise
     announcer = Announcer(message_sender)
-    payload = PayloadAuthority(PayloadSettings(), lambda _name: False)
+    payload = PayloadAuthority(config.payload, partial(_is_heard, message_sender, edge.clocks.monotonic))
     onboard = assemble_onboard(
         config.sysid,
         edge.onboard,
@@ -197,6 +198,7 @@ def parts_of(running: Running, base: Base, edge: Edge, hub: Hub) -> Parts:
         autopilot.orders.takes_over,
         lambda: autopilot.aircraft.judged_by,
         onboard.delegating.commander_sends,
+        partial(_payload_station, payload, base),
     )
     gate = Gate(
         config.sysid,
@@ -210,7 +212,7 @@ def parts_of(running: Running, base: Base, edge: Edge, hub: Hub) -> Parts:
     gate.distrust()
     gate.change(arbiter.view, now)
     operator = assemble_operator(
-        config.sysid, authority, base.in_force, gate, autopilot, reports, announcer, onboard.delegating
+        config.sysid, authority, base.in_force, gate, autopilot, reports, announcer, onboard.delegating, payload
     )
     news = DecisionNews(event_log, announcer, operator.briefing, operator.rehearsal, fault)
     saver = StateSaver(base.restart, arbiter, autopilot, fault)
@@ -229,6 +231,23 @@ def parts_of(running: Running, base: Base, edge: Edge, hub: Hub) -> Parts:
     return Parts(
         autopilot, gate, operator, onboard, news, beacons, closing, actions, faults, each_second, remote_id, terrain
     )
+
+
+#: a station whose heartbeat is older (s) does not keep payload authority from others
+_HEARD_S: Final = 5.0
+
+
+def _is_heard(message_sender: MessageSender, clock: Callable[[], float], name: str) -> bool:
+    """Whether the station of this name is heard."""
+    return any(port.name == name and clock() - port.heartbeat_at < _HEARD_S for port in message_sender.ports.values())
+
+
+def _payload_station(payload: PayloadAuthority, base: Base) -> int | None:
+    """The station (system id) that has payload authority; None: no station has."""
+    commander = base.in_force.view.commander
+    payload.authority_moved("" if commander is None else base.arbiter.name(commander))
+    ports = base.message_sender.ports.values()
+    return next((port.sysid for port in ports if port.name == payload.holder), None)
 
 
 def _gate_reports(base: Base) -> GateReports:

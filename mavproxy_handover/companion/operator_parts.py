@@ -7,6 +7,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from mavproxy_handover.companion.autopilot_parts import Autopilot
+from mavproxy_handover.core.arbiter import Arbiter
+from mavproxy_handover.core.authority.payload import PayloadAuthority
 from mavproxy_handover.gate.gate import Gate
 from mavproxy_handover.gate.in_force import AuthorityInForce
 from mavproxy_handover.operator.base.context import Authority, Reports
@@ -20,6 +22,7 @@ from mavproxy_handover.operator.requests.delegations import Delegations
 from mavproxy_handover.operator.requests.flight_commands import FlightCommands
 from mavproxy_handover.operator.requests.operator_control import OperatorControl
 from mavproxy_handover.operator.requests.overrides import Overrides
+from mavproxy_handover.operator.requests.payload import PayloadRequests
 from mavproxy_handover.operator.requests.services import OperatorServices, Services
 from mavproxy_handover.operator.requests.transfer_messages import TransferMessages, TransferServices
 from mavproxy_handover.operator.stations.announcer import Announcer
@@ -38,6 +41,7 @@ class OperatorParts:
     warnings: PreflightWarnings
     briefing: Briefing
     package_return: PackageReturn
+    payload: PayloadRequests
 
 
 def assemble_operator(
@@ -49,6 +53,7 @@ def assemble_operator(
     reports: Reports,
     announcer: Announcer,
     delegating: Delegating,
+    payload: PayloadAuthority,
 ) -> OperatorParts:
     """Construct the parts for vehicle `vehicle` (system id)."""
     arbiter, handle = authority.arbiter, authority.handle
@@ -79,7 +84,10 @@ def assemble_operator(
     )
     accepted = AcceptedCommands(in_force, concerned, event_log, handle, fault)
     commands = FlightCommands(gate, arbiter, concerned, accepted, warnings, event_log, handle)
-    control = OperatorControl(message_sender, event_log, handle)
+    payload_requests = PayloadRequests(
+        vehicle, payload, message_sender, event_log, lambda: _commander(arbiter, in_force)
+    )
+    control = OperatorControl(message_sender, event_log, handle, payload_requests)
     package_return = PackageReturn(message_sender.ports, arbiter.unfit, event_log)
     overrides = Overrides(autopilot.command_check, lambda: in_force.view.commander, vehicle)
     delegations = Delegations(vehicle, delegating, message_sender.say)
@@ -96,4 +104,11 @@ def assemble_operator(
         warnings,
         Briefing(arbiter, sources, message_sender.ports, fault),
         package_return,
+        payload_requests,
     )
+
+
+def _commander(arbiter: Arbiter, in_force: AuthorityInForce) -> str:
+    """The name of the commander; "" if there is none."""
+    commander = in_force.view.commander
+    return "" if commander is None else arbiter.name(commander)

@@ -12,6 +12,7 @@ from typing import Any
 
 from mavproxy_handover.config.feeds import feed_settings
 from mavproxy_handover.config.onboard import OnboardProgram, onboard_programs
+from mavproxy_handover.config.payload import payload_settings
 from mavproxy_handover.config.position import PositionSettings, position_settings
 from mavproxy_handover.config.remote_id import RemoteIdSettings, remote_id_settings
 from mavproxy_handover.config.route import route_limits
@@ -28,6 +29,7 @@ from mavproxy_handover.config.vehicle_keys import (
     VEHICLE,
     VEHICLE_FILE,
 )
+from mavproxy_handover.core.authority.payload import PayloadSettings
 from mavproxy_handover.core.common.causes import Cause
 from mavproxy_handover.core.common.limits import Limits
 from mavproxy_handover.core.common.model import StandingConsent, Station
@@ -37,6 +39,7 @@ from mavproxy_handover.core.safety.energy_prior import EnergySettings
 from mavproxy_handover.core.safety.route import RouteLimits
 from mavproxy_handover.gate.client_capabilities import POLICIES as CAPABILITY_POLICIES
 from mavproxy_handover.gate.observers import ObserverLimits
+from mavproxy_handover.gate.policy.onboard import Right
 from mavproxy_handover.link.quality import LinkLimits
 from mavproxy_handover.mission.keys import ENERGY
 from mavproxy_handover.tools.key_table import KeyTable
@@ -102,6 +105,8 @@ class VehicleConfig:
     remote_id: RemoteIdSettings = field(default_factory=RemoteIdSettings)
     #: software on the companion that has a link of its own
     onboard: tuple[OnboardProgram, ...] = ()
+    #: which station or program has payload authority
+    payload: PayloadSettings = field(default_factory=PayloadSettings)
 
 
 # ---- limits -------------------------------------------------------------------------------------------------------
@@ -164,6 +169,8 @@ def vehicle_of(data: Mapping[str, Any], path: Path, layout_text: bytes | None = 
     if not parents:
         known = ", ".join(entry.station.name for entry in stations)
         raise vehicle.error("parent", f"{parent_name!r} must be one of the stations: {known}")
+    programs = _onboard(data, path, stations)
+    payloads = [program.name for program in programs if Right.PAYLOAD in program.rights.rights]
     return VehicleConfig(
         path=path,
         name=vehicle["name"],
@@ -184,7 +191,8 @@ def vehicle_of(data: Mapping[str, Any], path: Path, layout_text: bytes | None = 
         position=position_settings(data, path, layout_text),
         feeds=feed_settings(data, path, {entry.station.name: entry.station.sysid for entry in stations}),
         remote_id=remote_id_settings(data, path),
-        onboard=_onboard(data, path, stations),
+        onboard=programs,
+        payload=payload_settings(data, path, (*(entry.station.name for entry in stations), *payloads)),
     )
 
 

@@ -12,6 +12,7 @@ from typing import Final
 
 from mavproxy_handover.config.feeds import FEEDS
 from mavproxy_handover.config.onboard import ONBOARD
+from mavproxy_handover.config.payload import PAYLOAD
 from mavproxy_handover.config.position import POSITION
 from mavproxy_handover.config.remote_id import REMOTE_ID
 from mavproxy_handover.config.route import ROUTE
@@ -287,4 +288,5 @@ VEHICLE_FILE: Final = (
     FEEDS,
     REMOTE_ID,
     ONBOARD,
+    PAYLOAD,
 )

@@ -7,7 +7,8 @@ passes the filters that see it, in the order of the table in `Filters`: a filter
 messages of them, and perhaps only those of the station with authority, or of the others. A filter gets the verdict of
 the ones before it. The verdict of the last one is final. The order of the table is the rule:
 
-1. Streams that ran before their station had authority come first: they stay refused, whatever else refuses them.
+0. Payload authority comes first, because it may be another station's than flight authority.
+1. Streams that ran before their station had authority come next: they stay refused, whatever else refuses them.
 2. Sticks come before targets, and targets that a filter has dropped cost no check of the situation.
 3. The check of commands in flight comes before the commands that the companion carries out: a command that leaves
    energy, fence or coverage is refused, even if the companion would carry it out.
@@ -32,11 +33,13 @@ from mavproxy_handover.gate.judge import Fate, GateReason, Verdict, uploads
 from mavproxy_handover.gate.operators import REMOTE_ID_MESSAGES
 from mavproxy_handover.gate.passed import PassedFrames
 from mavproxy_handover.gate.policy.access import Access
+from mavproxy_handover.gate.policy.payload import PAYLOAD_MESSAGES, is_payload
 from mavproxy_handover.gate.questions import ASKED
 from mavproxy_handover.gate.stale_streams import STICKS, releases
 from mavproxy_handover.gate.targets import TargetStreams
 from mavproxy_handover.vehicle.profiles import Modes
 from mavproxy_handover.wire.frames import Frame
+from mavproxy_handover.wire.message_ids import COMMAND_MESSAGES, message_ids
 
 __all__ = ["CompanionMatters", "Filter", "Filters"]
 
@@ -53,6 +56,8 @@ _FEEDS: Final[frozenset[_Class]] = frozenset((Access.FEED,))
 _LOGS: Final[frozenset[_Class]] = frozenset((Access.LOG, Access.BULK))
 _ORDERS: Final[frozenset[_Class]] = frozenset((Access.STREAM, Access.COMMAND, Access.SAFEGUARD))
 _ALL: Final[frozenset[_Class]] = frozenset(_CLASSES)
+_PAYLOADS: Final[frozenset[_Class]] = frozenset((Access.STREAM, Access.COMMAND))
+_OF_PAYLOAD: Final = message_ids(*PAYLOAD_MESSAGES) | COMMAND_MESSAGES
 #: streams that lead the aircraft
 _LEADS: Final = STICKS | TARGET_MESSAGES | {mavlink.MAVLINK_MSG_ID_SET_ATTITUDE_TARGET}
 _FILES: Final = frozenset((mavlink.MAVLINK_MSG_ID_FILE_TRANSFER_PROTOCOL,))
@@ -72,6 +77,8 @@ class CompanionMatters:
     modes: Callable[[], Modes]
     #: the commander sends a command, a target or sticks: that ends a delegation to an onboard program
     commander_sends: Callable[[Frame, Verdict, float], None]
+    #: the station (system id) that has payload authority; None: no station
+    payload: Callable[[], int | None]
 
 
 #: frame, verdict so far, system id of the station, time -> the verdict
@@ -109,6 +116,7 @@ class Filters:
         self._targets = TargetStreams(matters.target_passes)
         stale = passed.stale_streams.limit
         self.table: tuple[Filter, ...] = (
+            Filter("payload commands without payload authority", _PAYLOADS, self._payload, _OF_PAYLOAD),
             Filter("sticks and setpoints that ran before their station had authority", _STREAMS, stale),
             Filter("sticks before the vehicle is armed, and in a rehearsal", _STREAMS, self._sticks, STICKS),
             Filter("guided targets that leave energy, fence or coverage", _STREAMS, self._target, TARGET_MESSAGES),
@@ -186,6 +194,17 @@ class Filters:
             return verdict
         if not turn.takes(station, frame.msgid, now):
             return verdict._replace(fate=Fate.REFUSE, reason=GateReason.LOG_BUSY)
+        return verdict
+
+    def _payload(self, frame: Frame, verdict: Verdict, station: int, _now: float) -> Verdict:
+        if not is_payload(frame):
+            return verdict
+        holds = station == self._matters.payload()
+        if holds and verdict.reason is GateReason.NOT_IN_CONTROL:
+            return verdict._replace(fate=Fate.FORWARD, reason=GateReason.ALLOWED)
+        if not holds and verdict.fate is _FORWARD:
+            fate = Fate.DROP if verdict.access is Access.STREAM else Fate.REFUSE
+            return verdict._replace(fate=fate, reason=GateReason.NOT_PAYLOADS)
         return verdict
 
     def _ends(self, frame: Frame, verdict: Verdict, _station: int, now: float) -> Verdict:

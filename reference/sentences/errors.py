@@ -43,7 +43,9 @@ FAMILIES: Final = (
         "The vehicle's or the station's file cannot be used. The program does not start, or keeps the settings before.",
         "Go to the file, table and key that the line names. Write one of the allowed values, then start again.",
         (
-            _in("mavproxy_handover/config", "toml vehicle station files served position feeds remote_id onboard")
+            _in(
+                "mavproxy_handover/config", "toml vehicle station files served position feeds remote_id onboard payload"
+            )
             + _in("mavproxy_handover/tools", "key_table")
         ),
     ),

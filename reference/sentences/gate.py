@@ -68,6 +68,11 @@ _SENTENCES: Final = (
 )
 
 _WHY: Final = (
+    _warn(
+        "another has payload authority",
+        "Gimbal, camera and winch are another station's, or an onboard program's.",
+        "Type 'handover payload request', where the vehicle's file allows that.",
+    ),
     _warn("{station} commands", "Another station has authority.", "Request control at this station."),
     _warn("{station} commands (request control)", "Another station has authority.", "Request control by your program."),
     _warn("{station} commands ('handover request')", "Another station has authority.", "'handover request'."),

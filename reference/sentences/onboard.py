@@ -72,6 +72,14 @@ _SENTENCES: Final = (
 )
 
 _REQUESTS: Final = (
+    Sentence(
+        "{station} has payload authority",
+        _ADVISORY,
+        "Gimbal, camera and winch are commanded by this station or onboard program now.",
+    ),
+    Sentence(
+        "no station has payload authority", _ADVISORY, "Flight authority has no station, and the payload with it."
+    ),
     _warn(
         "PAYLOAD refused: {payload_need}",
         "Payload authority does not move. The reason follows.",
@@ -128,11 +136,13 @@ _WHY: Final = (
 
 _PAYLOAD: Final = (
     _warn(
-        "payload authority is that of flight by the mission",
-        "Gimbal, camera and winch are the commander's in this mission.",
+        "payload authority is that of flight by the vehicle's file",
+        "Gimbal, camera and winch are the commander's.",
         "Ask for control of the aircraft.",
     ),
-    _warn("payload authority is {name} by the mission", "The mission gives it to a station or to an onboard program."),
+    _warn(
+        "payload authority is {name} by the vehicle's file", "The file gives it to a station or to an onboard program."
+    ),
     _warn(
         "{station} has it; it must release it first",
         "Another station asked for the payload before.",

@@ -63,6 +63,8 @@ __all__ = [
 COMPANION, COMPANION_NAME = "companion", FIRST[0]
 #: names of the processes that stand in links
 IMPAIRMENT, ROGUE, LINES = "impairment", "rogue", "lines"
+#: name of the program on the companion, and its component
+ONBOARD, ONBOARD_COMPONENT = "onboard", 25
 #: name of the position box's process
 BOX = "box"
 SYSID = FIRST[1]
@@ -188,6 +190,8 @@ class _Between:
         self.taps: list[dict[str, Any]] = []
         #: station -> port of the program that flies through it
         self.served = {name: ports.udp() for name in scenario.served}
+        #: port of the link of the program on the companion, if there is one
+        self.onboard = ports.udp() if scenario.onboard else 0
 
     def _impaired(self, kind: str) -> bool:
         return self._scenario.impair is not None and kind in self._scenario.impair.links
@@ -246,6 +250,13 @@ class _Between:
             config = write_toml(home / f"{ROGUE}.toml", tables, {"journal": str(journal), "vehicle": SYSID})
             argv = (sys.executable, "-m", "sitl.run.rogue", "--config", str(config))
             programs.append(Program(ROGUE, argv, home, journal))
+        if self.onboard:
+            home = folder / ONBOARD
+            journal = home / f"{ONBOARD}.jsonl"
+            own = {"journal": str(journal), "vehicle": SYSID, "component": ONBOARD_COMPONENT, "port": self.onboard}
+            config = write_toml(home / f"{ONBOARD}.toml", {}, own)
+            argv = (sys.executable, "-m", "sitl.run.onboard", "--config", str(config))
+            programs.append(Program(ONBOARD, argv, home, journal))
         programs += [_served(folder, name, port) for name, port in self.served.items()]
         return tuple(programs)
 
@@ -365,7 +376,10 @@ def lay_out(
     to_autopilot = between.line(AUTOPILOT)
     return Wiring(
         folder,
-        write_toml(folder / COMPANION / f"{COMPANION}.toml", _vehicle(first, scenario, entries, guard_key, box)),
+        write_toml(
+            folder / COMPANION / f"{COMPANION}.toml",
+            _vehicle(first, scenario, entries, guard_key, box, between.onboard),
+        ),
         tuple(stations),
         (*between.programs(folder, grounds), *_boxes(folder, box, scenario), *_panels(folder, stations, scenario)),
         tuple(proxy["name"] for proxy in between.proxies),
@@ -427,6 +441,7 @@ def _vehicle(
     stations: list[dict[str, Any]],
     guard_key: Path | None,
     box: str = "",
+    onboard: int = 0,
 ) -> dict[str, Any]:
     vehicle: dict[str, Any] = {
         "name": craft.name,
@@ -450,6 +465,11 @@ def _vehicle(
         tables["feeds"] = scenario.feeds
     if box:
         tables["position"] = {**scenario.box, "box": f"tcp:{box}"}
+    if scenario.payload:
+        tables["payload"] = scenario.payload
+    if onboard:
+        own = {"name": ONBOARD, "link": f"udpin:{LOOPBACK}:{onboard}", "component": ONBOARD_COMPONENT}
+        tables["onboard"] = [{**own, **scenario.onboard}]
     return tables
 
 

@@ -28,6 +28,8 @@ Before the steps stands what the flight is made of, where that differs from the 
     impair = {links = ["air", "ground"], seed = 7, loss = 0.2}   through the proxy; any value of Weather
     serial = [{lines = ["GCSA", "autopilot"], baud = 57600, damage = 0.0005, bursts_per_s = 2}]   lines with noise
     rogue = ["GCSB"]               an attacker in this station's link to the vehicle
+    payload = {control = "request"}  [payload] of the vehicle
+    onboard = {rights = ["guided"]}  a program on the companion (`sitl.run.onboard`): its [[onboard]] without link
     box = {source = "box"}         a position box; [position] of the vehicle's configuration, without where the box is
     feeds = {rtk = ["GCSA"]}       [feeds] of the vehicle's configuration
     fsync_s = 2.0                  each time that the companion waits for its disk takes this long
@@ -118,6 +120,8 @@ _KEYS = (
     "impair",
     "serial",
     "rogue",
+    "onboard",
+    "payload",
     "box",
     "feeds",
     "fsync_s",
@@ -140,6 +144,8 @@ _NOT_OF_A_FLEET = (
     "serial",
     "rogue",
     "impair",
+    "onboard",
+    "payload",
     "guard_key",
     "box",
     "fsync_s",
@@ -255,6 +261,10 @@ class Scenario:
     serial: tuple[SerialLines, ...] = ()
     #: stations in whose links to the vehicle the rogue sits
     rogue: tuple[str, ...] = ()
+    #: [[onboard]] of the vehicle's configuration, without name, link and component, where there is a program on board
+    onboard: Mapping[str, Any] = field(default_factory=dict)
+    #: [payload] of the vehicle's configuration
+    payload: Mapping[str, Any] = field(default_factory=dict)
     #: [position] of the vehicle's configuration, without the address, where there is a box
     box: Mapping[str, str | float] = field(default_factory=dict)
     #: [feeds] of the vehicle's configuration
@@ -363,6 +373,8 @@ def parse_scenario(text: str, file: str) -> Scenario:
         ),
         feeds=_feeds(reader, data),
         rogue=reader.value(data, "rogue", tuple[str, ...], ()),
+        onboard=reader.table(data, "onboard", {}),
+        payload=reader.table(data, "payload", {}),
         box=_box(reader, data),
         fsync_s=fsync_s,
         fleet=reader.at("fleet").words(reader.table(data, "fleet", {})),

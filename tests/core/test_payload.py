@@ -20,7 +20,7 @@ def test_it_follows_flight_authority_by_default() -> None:
     assert payload.holder == "GCSB"
     payload.authority_moved("")
     assert payload.holder == ""
-    assert payload.request("GCSA") == "payload authority is that of flight by the mission"
+    assert payload.request("GCSA") == "payload authority is that of flight by the vehicle's file"
     assert payload.release("GCSA") == "it has no payload authority that was requested"
 
 
@@ -29,7 +29,7 @@ def test_a_name_keeps_it_over_handovers() -> None:
     payload.authority_moved("GCSB")
     assert payload.holder == "camera-crew"
     assert payload.request("camera-crew") == ""
-    assert payload.request("GCSB") == "payload authority is camera-crew by the mission"
+    assert payload.request("GCSB") == "payload authority is camera-crew by the vehicle's file"
 
 
 def test_a_station_that_asks_gets_it_until_it_releases_it() -> None:
@@ -63,14 +63,3 @@ def test_a_handover_of_flight_authority_releases_or_keeps_it() -> None:
         assert payload.holder == "GCSB", "the same commander is no handover"
         payload.authority_moved("GCSC")
         assert payload.holder == holder
-
-
-def test_another_mission_begins_anew() -> None:
-    payload = authority(REQUEST)
-    assert payload.request("GCSB") == ""
-    payload.set(PayloadSettings(REQUEST))
-    assert payload.holder == "GCSB"
-    payload.set(PayloadSettings(FLIGHT))
-    assert payload.holder == "GCSA"
-    payload.set(PayloadSettings(REQUEST))
-    assert payload.holder == "GCSA"

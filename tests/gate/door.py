@@ -106,10 +106,12 @@ class Door:
         #: the commands in flight that the gate asked about, with their stations
         self.asked: list[tuple[Intent, int]] = []
         self.takes_over: Callable[[Frame], bool] = lambda _frame: False
+        #: the station that has payload authority; None: the commander
+        self.payload: int | None = None
         #: what of the commander passed or was carried out, as an end of a delegation
         self.commanded: list[Frame] = []
         matters = CompanionMatters(
-            self._passes, self._allows, self._carries_out, lambda: self.modes, self._commander_sends
+            self._passes, self._allows, self._carries_out, lambda: self.modes, self._commander_sends, self._payload
         )
         in_force = AuthorityInForce()
         self.settings = GateSettings(feeds=feeds or FeedSettings())
@@ -126,6 +128,9 @@ class Door:
     def _commander_sends(self, frame: Frame, verdict: Verdict, _now: float) -> None:
         if verdict.fate in (Fate.FORWARD, Fate.CONSUME):
             self.commanded.append(frame)
+
+    def _payload(self) -> int | None:
+        return self.gate.view.commander if self.payload is None else self.payload
 
     def _carries_out(self, frame: Frame) -> bool:
         return self.takes_over(frame)

@@ -274,3 +274,38 @@ def test_only_the_commander_delegates(flown: Bench) -> None:
     flown.wait(0.3)
     assert flown.b.received.got("HANDOVER_DELEGATE")[-1].accepted == 0
     assert "DELEGATE precland refused: only the commander delegates" in flown.b.texts()
+
+
+# ---- payload ------------------------------------------------------------------------------------------------------
+
+
+def test_a_station_asks_for_the_payload_and_flies_nothing_by_it(bench: Bench, delivery: MissionPackage) -> None:
+    bench.config.write_text(bench.config.read_text() + '\n[payload]\ncontrol = "request"\n')
+    take_off(bench, delivery)
+    pitch, request = mavlink.MAV_CMD_DO_GIMBAL_MANAGER_PITCHYAW, mavlink.MAV_CMD_REQUEST_OPERATOR_CONTROL
+
+    def gimbals() -> list[int]:
+        found = [m for m in bench.autopilot.received if m.get_type() == "COMMAND_LONG" and m.command == pitch]
+        return [m.get_srcSystem() for m in found]
+
+    bench.b.command(pitch, -30)
+    bench.wait(0.5)
+    assert gimbals() == []
+    bench.b.send(mavlink.MAVLink_command_long_message(1, 154, request, 0, 1, 0, 10, 252, 0, 0, 0))
+    bench.wait(0.5)
+    ack = bench.b.received.got("COMMAND_ACK")[-1]
+    assert (ack.get_srcComponent(), ack.command, ack.result) == (154, request, mavlink.MAV_RESULT_ACCEPTED)
+    assert "GCSB has payload authority" in bench.a.texts()
+    bench.b.command(pitch, -30)
+    bench.a.command(pitch, -90)
+    bench.b.command(mavlink.MAV_CMD_NAV_LAND)
+    bench.wait(0.5)
+    assert gimbals() == [252]
+    assert [m for m in bench.autopilot.received if getattr(m, "command", 0) == mavlink.MAV_CMD_NAV_LAND] == []
+    assert "gimbal refused: another has payload authority" in bench.a.texts()
+    status = [m for m in bench.b.received.got("CONTROL_STATUS") if m.get_srcComponent() == 154]
+    assert (status[-1].gcs_main, status[-1].flags) == (252, 0)
+    bench.a.send(mavlink.MAVLink_command_long_message(1, 154, request, 0, 1, 0, 10, 251, 0, 0, 0))
+    bench.wait(0.5)
+    assert "GCSA has payload authority" in bench.b.texts()
+    assert bench.companion.view.commander == 251

@@ -3,7 +3,7 @@
 """Payload authority: which station or onboard program commands gimbal, camera and winch.
 
 It never reaches a flight function: the gate picks payload commands by name (`gate/policy/payload.py`). Three ways, by
-the mission or the vehicle's file:
+the vehicle's file:
 
 * `flight`: it is flight authority's.
 * A name: it belongs to that station or onboard program, also after a handover of flight authority.
@@ -52,11 +52,6 @@ class PayloadAuthority:
             return self._commander
         return (self._requester or self._commander) if control == REQUEST else control
 
-    def set(self, settings: PayloadSettings) -> None:
-        """The mission says something else."""
-        if settings != self.settings:
-            self.settings, self._requester = settings, ""
-
     def authority_moved(self, commander: str) -> None:
         """Flight authority is this station's now; "": no station's."""
         if commander != self._commander and self.settings.at_handover == AT_HANDOVER[0]:
@@ -69,7 +64,7 @@ class PayloadAuthority:
         if station == self.holder:
             return ""
         if control != REQUEST:
-            return f"payload authority is {'that of flight' if control == FLIGHT else control} by the mission"
+            return f"payload authority is {'that of flight' if control == FLIGHT else control} by the vehicle's file"
         taken = self._requester if self._requester and self._heard(self._requester) else ""
         if taken and station != self._commander:
             return f"{taken} has it; it must release it first"

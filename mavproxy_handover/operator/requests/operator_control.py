@@ -27,6 +27,7 @@ from mavproxy_handover.core.common.events import ControlRequested, Event, Notify
 from mavproxy_handover.gate.client_capabilities import Dialect
 from mavproxy_handover.gate.judge import StationIdentity
 from mavproxy_handover.gate.refusals import OncePerCause
+from mavproxy_handover.operator.requests.payload import PayloadRequests
 from mavproxy_handover.operator.stations.event_log import EventLog
 from mavproxy_handover.operator.stations.port import StationPort
 from mavproxy_handover.operator.stations.sender import MessageSender
@@ -80,8 +81,13 @@ class OperatorControl:
     """The programs that asked last, and the stations that are asked. `handle` gives a request to the arbiter."""
 
     def __init__(
-        self, message_sender: MessageSender, event_log: EventLog, handle: Callable[[Event, float], None]
+        self,
+        message_sender: MessageSender,
+        event_log: EventLog,
+        handle: Callable[[Event, float], None],
+        payload: PayloadRequests,
     ) -> None:
+        self._payload = payload
         self._message_sender = message_sender
         self._event_log = event_log
         self._handle = handle
@@ -95,6 +101,9 @@ class OperatorControl:
     def handle_message(self, port: StationPort, frame: Frame, message: Any, handover_id: int, now: float) -> None:
         """A request of a station, or the owner's word that it has heard of one; `handover_id`: of the transfer."""
         itself = frame.sysid == port.sysid
+        if self._payload.concerns(message):
+            self._payload.on_message(port, frame, message, now)
+            return
         if message.get_type() == "COMMAND_ACK":
             # a program that does not know the question refuses it or answers "unsupported": its operator was not asked
             if itself and self._question == (port.sysid, handover_id) and message.result in _HEARD:

@@ -359,6 +359,10 @@ class EventLog:
         if self._has_room(station, now):
             self._journal.write("told", text, station=station)
 
+    def payload(self, holder: str, text: str) -> None:
+        """Payload authority has moved; `holder`: a station or an onboard program, "" for none."""
+        self._write_and_tell("payload", text, holder=holder or None)
+
     def onboard(self, program: str, text: str, **values: Any) -> None:
         """What concerns an onboard program: its link, and what is delegated to it."""
         self._write_and_tell("onboard", text, program=program, **values)
