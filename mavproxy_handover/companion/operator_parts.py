@@ -90,7 +90,7 @@ def assemble_operator(
     control = OperatorControl(message_sender, event_log, handle, payload_requests)
     package_return = PackageReturn(message_sender.ports, arbiter.unfit, event_log)
     overrides = Overrides(autopilot.command_check, lambda: in_force.view.commander, vehicle)
-    delegations = Delegations(vehicle, delegating, message_sender.say)
+    delegations = Delegations(vehicle, delegating.give, delegating.take_back, message_sender.say)
     takers = TransferServices(autopilot.mission, package_return, rehearsal, overrides, delegations, event_log)
     messages = TransferMessages(vehicle, takers, handle, fault)
     sources = BriefingSources(

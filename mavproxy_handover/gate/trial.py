@@ -149,7 +149,12 @@ class _Trial:
         reports = GateReports(self._fault, lambda *_: None, lambda *_: None, lambda *_: None)
         passed = PassedFrames(VEHICLE, self._ports, GateSettings(), in_force, self._to_autopilot, self._fault)
         matters = CompanionMatters(
-            self._target, self._command, lambda _frame: False, lambda: ASSUMED.gate, lambda *_: None
+            self._target,
+            self._command,
+            lambda _frame: False,
+            lambda: ASSUMED.gate,
+            lambda *_: None,
+            lambda: in_force.view.commander,
         )
         self._gate = Gate(VEHICLE, self._ports, in_force, passed, self._to_autopilot, reports, matters)
 

@@ -13,18 +13,25 @@ from typing import Any
 
 from pymavlink.dialects.v20 import handover as mavlink
 
-from mavproxy_handover.operator.onboard.delegating import Delegating
 from mavproxy_handover.operator.stations.port import StationPort
 
 __all__ = ["Delegations"]
 
 
 class Delegations:
-    """Of vehicle `vehicle` (system id). `say` tells a station a text."""
+    """Of vehicle `vehicle` (system id). Times are monotonic seconds."""
 
-    def __init__(self, vehicle: int, delegating: Delegating, say: Callable[[StationPort, str], None]) -> None:
+    def __init__(
+        self,
+        vehicle: int,
+        give: Callable[[int, str, float], str],
+        take_back: Callable[[int, float], str],
+        say: Callable[[StationPort, str], None],
+    ) -> None:
+        """`give` and `take_back` do it for a station, and return why not; `say` tells a station a text."""
         self._vehicle = vehicle
-        self._delegating = delegating
+        self._give = give
+        self._take_back = take_back
         self._say = say
         #: station -> nonce of its last request, and the answer
         self._last: dict[int, tuple[int, bool]] = {}
@@ -45,8 +52,8 @@ class Delegations:
 
     def _asked(self, port: StationPort, message: Any, now: float) -> str:
         if message.wish == mavlink.HANDOVER_DELEGATION_WISH_BEGIN:
-            return self._delegating.give(port.sysid, _shown(message), now)
-        return self._delegating.take_back(port.sysid, now)
+            return self._give(port.sysid, _shown(message), now)
+        return self._take_back(port.sysid, now)
 
 
 def _shown(message: Any) -> str:
