@@ -260,7 +260,7 @@ OTHER_FILES: Final = {
     "mavproxy_handover/mission/items.py": "the difference between two lists: the table 'What the autopilot holds'",
     "mavproxy_handover/mission/draft.py": "comments of the mission.toml that 'handover init mission' writes",
     "mavproxy_handover/mission/drawing.py": "labels of a map",
-    "mavproxy_handover/mission/map_findings.py": "the count of findings below a map",
+    "mavproxy_handover/mission/map_findings.py": "the list below a map: the findings of the check",
     "gcs_module/watch/page_arguments.py": "help of arguments",
 }
 

@@ -102,7 +102,7 @@ KNOWN_SURVIVORS: dict[str, dict[str, str]] = {
         "made_good: comparison turned: across >= airspeed": (
             "with all of the airspeed against the crosswind none is left for the way, and the next line checks that"
         ),
-        "_duration_s: comparison turned: length_m < stops * speed_mps ** 2 / ACCELERATION_MPSS": (
+        "_duration_s: comparison turned: length_m < stops * speed_mps ** 2 / acceleration": (
             "on a leg just long enough for its speed both formulas give the same time"
         ),
     },

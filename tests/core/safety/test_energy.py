@@ -121,6 +121,10 @@ def test_a_wind_that_nobody_knows_blows_from_ahead_wherever_it_flies() -> None:
         (Piece(climb_m=50.0, stops=0.5), Wind(0.0, 0.0), 9_180.0),
         # of 40 m the last 10 slowly: 20 s, 20 s and 1.5 s
         (landing(40.0), Wind(0.0, 0.0), 13_446.0),
+        # all of it slowly: 20 s and 0.5 s
+        (landing(10.0), Wind(0.0, 0.0), 6_642.0),
+        # too low for that speed: 2 sqrt(0.2 / 1.0) s
+        (landing(0.2), Wind(0.0, 0.0), 289.8),
         (landing(-3.0), Wind(0.0, 0.0), 0.0),
         # the climb is on the way: 72 W more for 20 s
         (Piece(length_m=900.0, climb_m=50.0), Wind(0.0, 0.0), 43_973.3),
