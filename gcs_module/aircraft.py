@@ -253,7 +253,8 @@ class Aircraft:
         elif kind == "HANDOVER_TELEMETRY":
             self._on_telemetry(message)
         elif kind == "HANDOVER_DECISION":
-            self._notice(self.decisions.on_message(message, self.state.commanded_by))
+            site = "" if self.state.return_site is None else self.state.return_site[0]
+            self._notice(self.decisions.on_message(message, self.state.commanded_by, site))
         elif kind in ("HANDOVER_OVERRIDE", "HANDOVER_REHEARSAL", "HANDOVER_DELEGATE"):
             self.commands.on_message(message, self._now())
         elif kind == "HANDOVER_BRIEFING":

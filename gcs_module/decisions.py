@@ -43,22 +43,34 @@ class Who(Enum):
 
 
 _TAKE: Final = "When it is in your zone, type 'handover request' to take over."
-#: the possible commands, by the action and by which station commands
+_WATCH: Final = "Another station commands: this one may not act."
+#: whether this station may act, and the possible commands, by the action and by which station commands
 _MAY: Final[Mapping[tuple[FlightAction, Who], str]] = {
     (FlightAction.HOLD, Who.THIS): "Type 'handover give STATION' to hand it over.",
     (FlightAction.HOLD, Who.OTHER): _TAKE,
-    (FlightAction.RETURN, Who.NOBODY): _TAKE,
-    (FlightAction.RETURN, Who.THIS): "When the cause is over, 'handover resume' continues the mission.",
-    (FlightAction.RETURN, Who.OTHER): "",
-    (FlightAction.LAND, Who.NOBODY): _TAKE,
+    (FlightAction.RETURN, Who.NOBODY): f"No station commands. {_TAKE}",
+    (FlightAction.RETURN, Who.THIS): "You command. When the cause is over, 'handover resume' continues the mission.",
+    (FlightAction.RETURN, Who.OTHER): _WATCH,
+    (FlightAction.LAND, Who.NOBODY): f"No station commands. {_TAKE}",
     (FlightAction.LAND, Who.THIS): "You command: choose another mode if it must not land.",
+    (FlightAction.LAND, Who.OTHER): _WATCH,
 }
+#: the beginning of a return whose place the vehicle does not name
+_NO_PLACE: Final = "RETURN."
 
 
 def told(action: FlightAction, text: str, who: Who) -> str:
     """The vehicle's sentence, and what the operator may do."""
     end = "" if text.endswith(".") else "."
     return f"{text}{end} {_MAY.get((action, who), '')}".rstrip()
+
+
+def _placed(text: str, site: str) -> str:
+    """The vehicle's sentence; a return without a place gets it. `site`: the return site in force, "" not known."""
+    if not text.startswith(_NO_PLACE):
+        return text
+    place = f"RETURN to {site}." if site else "RETURN. The autopilot chooses home or a rally point."
+    return place + text.removeprefix(_NO_PLACE)
 
 
 def _text(raw: bytes | str) -> str:
@@ -86,8 +98,11 @@ class Decisions:
         """The complete sentence. If it is longer than its message, STATUSTEXT has brought it completely before."""
         return text if len(text.encode()) < _CUT else self._said(text) or f"{text}..."
 
-    def on_message(self, m: Any, who: Who) -> Notice | None:
-        """A HANDOVER_DECISION; returns the line for the operator, None if it is told already."""
+    def on_message(self, m: Any, who: Who, site: str = "") -> Notice | None:
+        """A HANDOVER_DECISION; returns the line for the operator, None if it is told already.
+
+        `site`: the name of the return site, by the vehicle's last status; "": not known.
+        """
         text = _text(m.text)
         known = m.number, text
         if known == self._known:
@@ -95,6 +110,7 @@ class Decisions:
         self._known = known
         text = self._whole(text)
         self._told.append(text)
+        text = _placed(text, site)
         if m.action == _OVER:
             self.text, self.action = "", None
             return Notice("decision_over", text)

@@ -50,7 +50,7 @@ def line_of(action: FlightAction, text: str, who: Who) -> str:
 def test_it_is_told_once_in_the_vehicles_sentence_with_what_may_be_done() -> None:
     decisions = Decisions(nothing)
     returns = decision(1, FlightAction.RETURN, RETURNS)
-    text = f"{RETURNS}. {TAKE}"
+    text = f"{RETURNS}. No station commands. {TAKE}"
     assert decisions.on_message(returns, Who.NOBODY) == Notice("decision", text, Level.EMERGENCY)
     assert decisions.on_message(returns, Who.NOBODY) is None
     assert (decisions.text, decisions.action) == (RETURNS, FlightAction.RETURN)
@@ -74,9 +74,9 @@ def test_why_nothing_is_done_is_told(fact: Fact, line: str) -> None:
 def test_a_landing_is_not_said_to_be_where_the_aircraft_is(who: Who) -> None:
     """A plane comes down by its next landing sequence."""
     may = {
-        Who.NOBODY: f" {TAKE}",
+        Who.NOBODY: f" No station commands. {TAKE}",
         Who.THIS: " You command: choose another mode if it must not land.",
-        Who.OTHER: "",
+        Who.OTHER: " Another station commands: this one may not act.",
     }
     text = "LAND: GCSB silent for 5 s"
     assert line_of(FlightAction.LAND, text, who) == f"LAND: GCSB silent for 5 s.{may[who]}"
@@ -92,13 +92,35 @@ def test_a_landing_is_not_said_to_be_where_the_aircraft_is(who: Who) -> None:
         (
             FlightAction.RETURN,
             Who.THIS,
-            "RETURN: links weak. When the cause is over, 'handover resume' continues the mission.",
+            "RETURN: links weak. You command. When the cause is over, 'handover resume' continues the mission.",
         ),
-        (FlightAction.RETURN, Who.OTHER, "RETURN: links weak."),
+        (FlightAction.RETURN, Who.OTHER, "RETURN: links weak. Another station commands: this one may not act."),
     ],
 )
 def test_what_is_done_is_said_once(action: FlightAction, who: Who, line: str) -> None:
     assert line_of(action, f"{action.name}: links weak", who) == line
+
+
+@pytest.mark.parametrize(
+    ("site", "begins"),
+    [
+        ("rally 2", "RETURN to rally 2. Links weak. You command."),
+        ("", "RETURN. The autopilot chooses home or a rally point. Links weak. You command."),
+    ],
+)
+def test_a_return_without_a_place_says_where_to(site: str, begins: str) -> None:
+    decisions = Decisions(nothing)
+    notice = decisions.on_message(decision(1, FlightAction.RETURN, "RETURN. Links weak"), Who.THIS, site)
+    assert notice is not None
+    assert notice.text.startswith(begins)
+    assert decisions.text == begins.removesuffix(". You command.")
+    assert decisions.told("RETURN. Links weak"), "the same words in STATUSTEXT are not told again"
+
+
+def test_a_return_with_a_place_keeps_it() -> None:
+    notice = Decisions(nothing).on_message(decision(1, FlightAction.RETURN, RETURNS), Who.THIS, "home")
+    assert notice is not None
+    assert notice.text.startswith("RETURN to rally 2. GCSB silent")
 
 
 @pytest.mark.parametrize("action", [FlightAction.HOLD, FlightAction.RETURN])
@@ -119,7 +141,7 @@ def test_a_sentence_that_is_longer_than_the_message_is_told_whole() -> None:
     """STATUSTEXT, which has come by then, holds all of it."""
     decisions = Decisions(lambda beginning: LONG if beginning == CUT else "")
     notice = decisions.on_message(decision(1, FlightAction.RETURN, LONG), Who.OTHER)
-    assert notice == Notice("decision", f"{LONG}.", Level.EMERGENCY)
+    assert notice == Notice("decision", f"{LONG}. Another station commands: this one may not act.", Level.EMERGENCY)
     assert decisions.text == LONG
     assert decisions.told(LONG), "by a second link"
 
@@ -127,7 +149,7 @@ def test_a_sentence_that_is_longer_than_the_message_is_told_whole() -> None:
 def test_if_its_end_is_not_here_yet_it_is_told_that_there_is_one() -> None:
     decisions = Decisions(nothing)
     notice = decisions.on_message(decision(1, FlightAction.RETURN, LONG), Who.NOBODY)
-    assert notice == Notice("decision", f"{CUT}... {TAKE}", Level.EMERGENCY)
+    assert notice == Notice("decision", f"{CUT}... No station commands. {TAKE}", Level.EMERGENCY)
     assert not decisions.told(LONG), "the whole of it is told when it comes"
 
 

@@ -871,7 +871,7 @@ def statustext(text: str, severity: int = 4, text_id: int = 0, number: int = 0) 
 
 
 RETURNS = "RETURN to home. GCSA silent for 5 s; 0.4 km"
-TOLD = f"{RETURNS}. When it is in your zone, type 'handover request' to take over."
+TOLD = f"{RETURNS}. No station commands. When it is in your zone, type 'handover request' to take over."
 
 
 def test_a_decision_is_told_once_with_what_may_be_done_and_shown_while_it_lasts(station: StationBench) -> None:
@@ -909,7 +909,9 @@ def test_a_decision_longer_than_its_message_is_one_line_with_all_of_it(station: 
         )
         station.run(1.0)
     (line,) = (line for line in station.mpstate.console.lines if "RETURN" in line)
-    assert line.endswith(f"EMERGENCY: {text}. When it is in your zone, type 'handover request' to take over.")
+    assert line.endswith(
+        f"EMERGENCY: {text}. No station commands. When it is in your zone, type 'handover request' to take over."
+    )
     assert f"decision  {text}" in station.mpstate.type("handover status")
 
 
@@ -917,7 +919,7 @@ def test_after_a_restart_of_the_companion_a_number_that_was_there_is_another_wor
     station.load()
     station.hear(decision(1, 0, "WARNING. Guard silent for 5 s", figures="guard silent for 5 s"))
     station.hear(decision(1, 4, "RETURN: GCSA silent for 5 s", figures="GCSA silent for 5 s", place=""))
-    assert [entry["text"].partition(". When")[0].rstrip(".") for entry in station.journal("decision")] == [
+    assert [entry["text"].partition(". No station")[0].rstrip(".") for entry in station.journal("decision")] == [
         "WARNING. Guard silent for 5 s",
         "RETURN: GCSA silent for 5 s",
     ]
@@ -925,7 +927,10 @@ def test_after_a_restart_of_the_companion_a_number_that_was_there_is_another_wor
 
 @pytest.mark.parametrize(
     ("commander", "words"),
-    [(251, " When the cause is over, 'handover resume' continues the mission."), (252, "")],
+    [
+        (251, " You command. When the cause is over, 'handover resume' continues the mission."),
+        (252, " Another station commands: this one may not act."),
+    ],
 )
 def test_what_an_operator_may_do_depends_on_who_commands(station: StationBench, commander: int, words: str) -> None:
     station.load()
