@@ -390,7 +390,7 @@ def test_no_word_shows_the_usage(station: StationBench, typed: str) -> None:
     station.load()
     lines = station.mpstate.type(f"handover{typed}")
     words = "status|share|rehearse|start|stop|continue|request|release|resume|return|ack|telemetry|briefing|accept"
-    words += "|deny|connect|disconnect|give|override|take|operator|set"
+    words += "|deny|connect|disconnect|give|override|delegate|take|operator|set"
     assert lines[0] == f"usage: handover <{words}>"
     assert lines[-1] == "  set       NAME VALUE: telemetry = 10.0, request_timeout = 30.0"
     assert len(lines) == 25
@@ -412,6 +412,7 @@ def test_completion_offers_words_and_settings(station: StationBench) -> None:
         "connect|disconnect>",
         "give <GCSB>",
         "override <energy|fence|coverage>",
+        "delegate <no>",
         "rehearse <end|report>",
         "connect <no>",
         "take",
