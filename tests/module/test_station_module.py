@@ -393,7 +393,7 @@ def test_no_word_shows_the_usage(station: StationBench, typed: str) -> None:
     words += "|deny|connect|disconnect|give|override|delegate|take|operator|set"
     assert lines[0] == f"usage: handover <{words}>"
     assert lines[-1] == "  set       NAME VALUE: telemetry = 10.0, request_timeout = 30.0"
-    assert len(lines) == 25
+    assert len(lines) == 26
 
 
 @pytest.mark.parametrize("words", ["foo", "start now", "share all", "Status", "accept maybe", "\x07", "x " * 200])
