@@ -16,6 +16,7 @@ Rules that live here
 
 from __future__ import annotations
 
+import fcntl
 import json
 import os
 import re
@@ -29,13 +30,7 @@ from math import inf
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
-<<<<<<< HEAD
 __all__ = ["LATEST", "Flight", "Room", "begin", "delete", "flights", "latest_flight", "to_go"]
-=======
-from mavproxy_handover.tools.operating_system import lock
-
-__all__ = ["LATEST", "Flight", "begin", "delete", "flights", "latest_flight", "to_go"]
->>>>>>> db3f0a54 (Terminal of a station: status line that stays, colour, prompt, no noise)
 
 LATEST: Final = "latest"
 #: lock file, and file with the facts about the run
@@ -82,9 +77,9 @@ def begin(
             continue
     else:
         raise FileExistsError(17, "no free name for the folder of a flight", str(base / stem))
-    held = os.open(folder / _HELD, os.O_WRONLY | os.O_CREAT, 0o600)
-    lock(held, wait=True)
-    os.set_inheritable(held, True)
+    lock = os.open(folder / _HELD, os.O_WRONLY | os.O_CREAT, 0o600)
+    fcntl.flock(lock, fcntl.LOCK_EX)
+    os.set_inheritable(lock, True)
     text = json.dumps({"begun_utc": utc.astimezone(timezone.utc).isoformat(timespec="seconds"), **about}, indent=1)
     (folder / _ABOUT).write_text(text + "\n", encoding="utf-8")
     (folder / config.name).write_bytes(config.read_bytes() if content is None else content)
@@ -162,11 +157,12 @@ def _is_held(path: Path) -> bool:
     except OSError:  # the lock file cannot be opened
         return True
     try:
-        return not lock(descriptor)
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except OSError:
         return True
     finally:
         os.close(descriptor)
+    return False
 
 
 class Room(NamedTuple):
