@@ -39,6 +39,7 @@ def our_settings() -> Any:
             mp_settings.MPSetting(
                 "request_timeout", float, 30.0, "seconds the commander has to answer a request", range=(3, 60)
             ),
+            mp_settings.MPSetting("mavproxy_lines", bool, False, "show MAVProxy's lines that are left out else"),
         ]
     )
 

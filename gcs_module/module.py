@@ -24,7 +24,7 @@ from pymavlink.dialects.v20 import handover as mavlink
 
 from gcs_module.aircraft import Aircraft
 from gcs_module.alarms import Level
-from gcs_module.answer_lines import AnswerLines
+from gcs_module.banner import Situation
 from gcs_module.console_rows import ConsoleRows
 from gcs_module.core import Notice, PeerHeard, Role
 from gcs_module.duty import Duty
@@ -43,6 +43,9 @@ from gcs_module.peer_operators import PeerOperators, operator_message
 from gcs_module.served_program import ServedProgram
 from gcs_module.serving import Serving
 from gcs_module.station_resources import StationResources
+from gcs_module.terminal.lines import ConsoleLines
+from gcs_module.terminal.look import Craft, status
+from gcs_module.terminal.terminal import Terminal
 from gcs_module.vehicle_selection import VehicleSelection
 from gcs_module.view import alert, plain_line
 from gcs_module.window_watchdog import WindowWatchdog
@@ -111,7 +114,9 @@ class HandoverGcsModule(mp_module.MPModule):
         self.selection = VehicleSelection(mpstate, config.vehicles, self._on_selection, self._show)
         self.menu = Menu(mpstate, [peer.station.name for peer in config.peers], self.fault)
         self._rows = ConsoleRows(lambda: mpstate.console, self.now, self._why_old)
-        self._answers = AnswerLines(lambda: mpstate.console, self.now)
+        self.terminal = Terminal(mpstate, self._chosen_situation, self.fault)
+        shows_all = partial(self.settings_of_ours.get, "mavproxy_lines")
+        self._lines = ConsoleLines(lambda: mpstate.console, self.now, shows_all, self.terminal.painted)
         self._windows = WindowWatchdog(self.fault)
         #: the thread of the main loop, and commands that came by another thread: MAVProxy's console has one for its
         #: menus
@@ -159,6 +164,7 @@ class HandoverGcsModule(mp_module.MPModule):
         self._panel = self._open_panel()
         self._interrupts = Interrupts(mpstate, self._flown_from_here, self.now)
         self._interrupts.install()
+        self.terminal.install()
 
     def _tell_duty(self) -> None:
         """Say that a restart has signed the operator off, or that the station is unmanned."""
@@ -246,7 +252,8 @@ class HandoverGcsModule(mp_module.MPModule):
             self._guarded("panel", self._panel.close)
         self._guarded("menu", self.menu.remove)
         self._guarded("console rows", self._rows.release)
-        self._guarded("answers", self._answers.release)
+        self._guarded("lines", self._lines.release)
+        self._guarded("terminal", self.terminal.restore)
         self._guarded("windows", self._windows.close)
         self._restore_links()
         self.mpstate.select_extra.pop(self._ground.listening, None)
@@ -335,6 +342,17 @@ class HandoverGcsModule(mp_module.MPModule):
                 return f"{now.commander} commands and gets them all."
         return ""
 
+    def _chosen_situation(self) -> Situation | None:
+        """The situation of the aircraft that MAVProxy's commands are for; None: they are for none of ours."""
+        return next((each.situation() for each in self.aircraft if self.chosen(each.sysid)), None)
+
+    def _show_status(self) -> None:
+        now = self.now()
+        crafts = [Craft(each.situation(), each.view.values.aged(now)) for each in self.aircraft]
+        clock = time.strftime("%H:%M:%S")
+        line = status(self.config.station.name, crafts, clock, self.terminal.width, colour=self.terminal.colour)
+        self.terminal.update(*line)
+
     def _tell(self, text: str, level: Level = Level.INFO) -> None:
         """A line about the station; if there is one vehicle, in that vehicle's form."""
         if self.links.several:
@@ -357,7 +375,7 @@ class HandoverGcsModule(mp_module.MPModule):
             if self._served is not None:
                 self._served.on_vehicle(frame)
             if frame.msgid == mavlink.MAVLINK_MSG_ID_STATUSTEXT:
-                self._answers.said(m.text)
+                self._lines.said(m.text)
             self._by_sysid[frame.sysid].on_frame(frame, m)
 
     def _read_ground(self) -> None:
@@ -412,7 +430,7 @@ class HandoverGcsModule(mp_module.MPModule):
         self._thread = threading.get_ident()
         while self._typed:
             self._command(self._typed.popleft())
-        self._guarded("answers", self._answers.tick)
+        self._guarded("lines", self._lines.tick)
         self._guarded("ground link", self._read_ground)
         self._guarded("replay state", partial(self._ground.tick, now))
         if self.links.several:
@@ -436,6 +454,7 @@ class HandoverGcsModule(mp_module.MPModule):
             self._guarded("menu", self.menu.tick)
             self._guarded("console rows", partial(self._rows.tick, now))
             self._guarded("windows", self._windows.tick)
+            self._guarded("status line", self._show_status)
             self._guarded("operator on duty", partial(self._duty_file.tick, now))
 
     def _turns(self, now: float) -> None:

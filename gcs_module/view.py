@@ -112,6 +112,11 @@ class Values:
         """Height above home, ground speed and battery; "" before the first position."""
         return f"{self._motion}{self._battery}" if self._motion else ""
 
+    def aged(self, now: float) -> str:
+        """The same with the age of values that are old."""
+        words, old = self.words(), age(now - self.at)
+        return f"{words} ({old})" if words and old else words
+
 
 class View:
     """Lines on the console, in the form `[time|GCSA][ONHANDOVER]: text`. `situation`: returns what is known now; `row`:
@@ -178,8 +183,7 @@ class View:
         self._console.set_status(_row_name(known), text, row=self._row, fg=look.colour, bg=look.ground)
         values = "" if known.own else named(known.of, self.values.words())
         if values or self._has_values:
-            words = age(now - self.values.at)
-            old = f" ({words})" if values and words else ""
+            old = f" ({age(now - self.values.at)})" if values and age(now - self.values.at) else ""
             colour = "grey" if old else "black"
             self._console.set_status(_values_name(known), f"{values}{old}", row=self._row, fg=colour)
         self._has_values = bool(values)

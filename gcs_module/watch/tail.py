@@ -26,6 +26,8 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any, Final
 
+from mavproxy_handover.tools.operating_system import CLOSED_ON_EXEC, NEVER_WAIT
+
 __all__ = ["HISTORY_BYTES", "MAX_LINE", "Entry", "Tail", "parse"]
 
 #: bytes: some hours of one aircraft
@@ -136,7 +138,7 @@ class Tail:
         return data
 
     def _open(self) -> None:
-        self._file = os.open(self.path, os.O_RDONLY | os.O_CLOEXEC | os.O_NONBLOCK)
+        self._file = os.open(self.path, os.O_RDONLY | CLOSED_ON_EXEC | NEVER_WAIT)
         there = os.fstat(self._file)
         if self._whose is None:
             beginning = max(0, there.st_size - HISTORY_BYTES)

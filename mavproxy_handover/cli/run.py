@@ -13,6 +13,7 @@ import importlib.util
 import os
 import platform
 import shlex
+import subprocess
 import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -205,7 +206,15 @@ def _station(command: list[str], arguments: argparse.Namespace) -> int:
 
 def _become(command: list[str], name: str) -> int:
     must_load(name)
-    os.execv(command[0], command)
+    if sys.platform != "win32":
+        os.execv(command[0], command)
+    # there `exec` starts another process and ends this one, and the shell would take the terminal back
+    with subprocess.Popen(command) as program:
+        while True:
+            try:
+                return program.wait()
+            except KeyboardInterrupt:
+                continue  # Ctrl-C is for MAVProxy, which has got it too
 
 
 def _supervise(command: list[str], arguments: argparse.Namespace) -> int:

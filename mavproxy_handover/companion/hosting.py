@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-import fcntl
+import sys
 import traceback
 from collections.abc import Callable
 from typing import Any
@@ -15,6 +15,7 @@ from mavproxy_handover.mission.errors import MissionError
 from mavproxy_handover.store.keys import KeysError
 from mavproxy_handover.store.lock import LockError
 from mavproxy_handover.supervision.watchdog_pipe import Refusal
+from mavproxy_handover.tools.operating_system import lock
 
 __all__ = ["SharedLog", "guarded", "refusal", "why"]
 
@@ -71,9 +72,9 @@ class SharedLog:
             return
         self._known = True
         try:
-            fcntl.flock(file.fileno(), fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            text = f"{file.name} is written by another MAVProxy as well, and is of no use to either: start each with a "
-            self._show(f"handover: {text}--logfile of its own")
+            free = sys.platform == "win32" or lock(file.fileno())  # a lock there would keep readers out
         except (OSError, ValueError, AttributeError):  # no file, or a kind of file that cannot be locked
             return
+        if not free:
+            text = f"{file.name} is written by another MAVProxy as well, and is of no use to either: start each with a "
+            self._show(f"handover: {text}--logfile of its own")

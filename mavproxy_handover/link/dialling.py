@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import errno
 import os
-import select
 import socket
 from collections.abc import Callable
 from dataclasses import replace
@@ -18,6 +17,7 @@ from typing import Final
 from mavproxy_handover.link.base import Backoff, reason
 from mavproxy_handover.link.forms import DeviceSpec, LinkError
 from mavproxy_handover.link.names import Address, Names, endpoint, is_number, look_up_for
+from mavproxy_handover.tools.operating_system import Poll, poll
 
 __all__ = ["Dialling", "tune"]
 
@@ -108,9 +108,9 @@ class Dialling:
             if self._backoff.due(now):
                 self.begin(now)
             return None
-        poll = select.poll()
-        poll.register(self._socket, select.POLLOUT)
-        if not poll.poll(0):
+        writable = poll()
+        writable.register(self._socket, Poll.WRITE)
+        if not writable.poll(0):
             if now >= self._by:
                 self._give_up("no answer")
             return None

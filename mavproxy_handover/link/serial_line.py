@@ -16,7 +16,7 @@ from __future__ import annotations
 
 import errno
 import os
-import select
+import sys
 import time
 from typing import Final
 
@@ -24,6 +24,7 @@ import serial
 
 from mavproxy_handover.link.base import Backoff, Clock, Device, OutBuffer, reason
 from mavproxy_handover.link.forms import DeviceSpec, Kind, LinkError
+from mavproxy_handover.tools.operating_system import poll
 from mavproxy_handover.wire.frames import MAX_FRAME_BYTES, PATIENCE_S, Frame, FrameSplitter
 
 __all__ = ["SerialLine"]
@@ -39,6 +40,8 @@ class SerialLine(Device):
     def __init__(self, spec: DeviceSpec, clock: Clock = time.monotonic) -> None:
         """Raises LinkError: no right, in use, no serial line, unsupported rate."""
         assert spec.kind is Kind.SERIAL
+        if sys.platform == "win32":
+            raise LinkError(f"link {spec.text} is a serial line, which needs Linux or macOS here: use UDP or TCP")
         super().__init__(spec.text, clock)
         self._path, self._baud = spec.host, spec.port
         self._backoff = Backoff(most_s=5.0)
@@ -46,7 +49,7 @@ class SerialLine(Device):
         self._patience_s = max(PATIENCE_S, 1.5 * MAX_FRAME_BYTES * _BITS_OF_BYTE / self._baud)
         self._splitter = FrameSplitter(patience_s=self._patience_s)
         self._out = OutBuffer()
-        self._hang_up = select.poll()
+        self._hang_up = poll()
         fault = self._connect()
         if fault is not None and getattr(fault, "errno", None) not in _ABSENT:
             hint = "; is the user in group dialout?" if getattr(fault, "errno", None) == errno.EACCES else ""

@@ -28,7 +28,6 @@ connections than _STRANGERS + _TAKEN + _GENUINE.
 
 from __future__ import annotations
 
-import select
 import socket
 import time
 from collections import Counter
@@ -38,6 +37,7 @@ from mavproxy_handover.link.base import PEER_HOLD_S, Backoff, Clock, Device, Out
 from mavproxy_handover.link.dialling import Dialling, tune
 from mavproxy_handover.link.forms import DeviceSpec, Kind, LinkError
 from mavproxy_handover.link.names import Names, endpoint, hear_both_kinds, host_of
+from mavproxy_handover.tools.operating_system import Poll, poll
 from mavproxy_handover.wire.frames import Frame, FrameSplitter
 
 __all__ = ["TcpIn", "TcpOut"]
@@ -200,7 +200,7 @@ class TcpIn(Device):
         self._proven: _Connection | None = None
         #: connection that is written to while none has proved genuine
         self._favoured: _Connection | None = None
-        self._arrivals = select.poll()
+        self._arrivals = poll()
         self._senders: dict[int, _Connection] = {}
         self._last: list[Frame] = []
         self._listener: socket.socket | None = None
@@ -213,7 +213,7 @@ class TcpIn(Device):
             self._listener.bind(address)
             self._listener.listen(_BACKLOG)
             self._listener.setblocking(False)
-            self._arrivals.register(self._listener, select.POLLIN)
+            self._arrivals.register(self._listener, Poll.READ)
         except OSError as error:
             if self._listener is not None:
                 self._listener.close()
@@ -368,7 +368,7 @@ class TcpIn(Device):
             self.counters.connects += 1
             self.trouble = ""
             taken.append(_Connection(sock, now, host_of(address[0])))
-            self._arrivals.register(sock, select.POLLIN)
+            self._arrivals.register(sock, Poll.READ)
         self._clients += taken
         return taken
 

@@ -18,6 +18,8 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
+from mavproxy_handover.tools.operating_system import CLOSED_ON_EXEC, restrict
+
 __all__ = [
     "checksum",
     "discard",
@@ -39,10 +41,10 @@ def write_beside(path: Path, data: bytes, *, sync: bool = True) -> Path:
     The file has mode 0600 from the start. `sync` False: do not wait for the disk, because the storage is in memory.
     """
     temporary = path.with_name(f".{path.name}.{secrets.token_hex(_TOKEN_BYTES)}")
-    descriptor = os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, _MODE)
+    descriptor = os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_EXCL | CLOSED_ON_EXEC, _MODE)
     try:
         with os.fdopen(descriptor, "wb") as file:
-            os.fchmod(file.fileno(), _MODE)  # the umask may have removed more bits
+            restrict(file.fileno(), _MODE)  # the umask may have removed more bits
             file.write(data)
             file.flush()
             if sync:
@@ -88,7 +90,7 @@ def discard(path: Path) -> None:
 def sync_folder(path: Path) -> None:
     """Sync the folder of `path`, because a name is on the disk only when its folder is. Errors are ignored."""
     with suppress(OSError):
-        descriptor = os.open(path.parent, os.O_RDONLY | os.O_CLOEXEC)
+        descriptor = os.open(path.parent, os.O_RDONLY | CLOSED_ON_EXEC)
         try:
             os.fsync(descriptor)
         finally:

@@ -16,7 +16,6 @@ Rules that live here
 
 from __future__ import annotations
 
-import fcntl
 import json
 import os
 import re
@@ -29,6 +28,8 @@ from datetime import datetime, timezone
 from math import inf
 from pathlib import Path
 from typing import Any, Final, NamedTuple
+
+from mavproxy_handover.tools.operating_system import lock
 
 __all__ = ["LATEST", "Flight", "Room", "begin", "delete", "flights", "latest_flight", "to_go"]
 
@@ -77,9 +78,9 @@ def begin(
             continue
     else:
         raise FileExistsError(17, "no free name for the folder of a flight", str(base / stem))
-    lock = os.open(folder / _HELD, os.O_WRONLY | os.O_CREAT, 0o600)
-    fcntl.flock(lock, fcntl.LOCK_EX)
-    os.set_inheritable(lock, True)
+    held = os.open(folder / _HELD, os.O_WRONLY | os.O_CREAT, 0o600)
+    lock(held, wait=True)
+    os.set_inheritable(held, True)
     text = json.dumps({"begun_utc": utc.astimezone(timezone.utc).isoformat(timespec="seconds"), **about}, indent=1)
     (folder / _ABOUT).write_text(text + "\n", encoding="utf-8")
     (folder / config.name).write_bytes(config.read_bytes() if content is None else content)
@@ -157,12 +158,11 @@ def _is_held(path: Path) -> bool:
     except OSError:  # the lock file cannot be opened
         return True
     try:
-        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        return not lock(descriptor)
     except OSError:
         return True
     finally:
         os.close(descriptor)
-    return False
 
 
 class Room(NamedTuple):

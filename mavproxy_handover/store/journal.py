@@ -33,6 +33,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from mavproxy_handover.store.background_writer import CLOSE_S, BackgroundWriter
+from mavproxy_handover.tools.operating_system import CLOSED_ON_EXEC
 
 __all__ = ["Journal", "strangers_path"]
 
@@ -179,7 +180,7 @@ class Journal:
     def _open(self) -> int:
         if self._descriptor is None:
             self.path.parent.mkdir(parents=True, exist_ok=True)
-            flags = os.O_RDWR | os.O_APPEND | os.O_CREAT | os.O_CLOEXEC
+            flags = os.O_RDWR | os.O_APPEND | os.O_CREAT | CLOSED_ON_EXEC
             self._descriptor = os.open(self.path, flags, 0o644)
             size = os.fstat(self._descriptor).st_size
             self._cut = size > 0 and os.pread(self._descriptor, 1, size - 1) != b"\n"

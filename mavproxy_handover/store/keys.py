@@ -28,6 +28,7 @@ from pathlib import Path
 from typing import Final
 
 from mavproxy_handover.store.durable import discard, sync_folder, write_beside
+from mavproxy_handover.tools.operating_system import CLOSED_ON_EXEC, NEVER_WAIT, user
 from mavproxy_handover.wire.signing import KEY_BYTES, fingerprint
 
 __all__ = [
@@ -124,7 +125,7 @@ def load_key(path: Path, owner: int | None = None, warn: Callable[[str], None] |
     or owner, which then is no error. It is for a restart in flight, which must not fail because of it.
     """
     try:
-        descriptor = os.open(path, os.O_RDONLY | os.O_CLOEXEC | os.O_NONBLOCK)  # do not hang on a pipe
+        descriptor = os.open(path, os.O_RDONLY | CLOSED_ON_EXEC | NEVER_WAIT)  # do not hang on a pipe
         try:
             problem = _problem(path, os.fstat(descriptor), owner)
             if problem and warn is not None and stat.S_ISREG(os.fstat(descriptor).st_mode):
@@ -152,11 +153,14 @@ def _problem(path: Path, status: os.stat_result, owner: int | None) -> str:
     """Reason why an open key file cannot be used, "" if it can. It is open so that it cannot be exchanged meanwhile."""
     if not stat.S_ISREG(status.st_mode):
         return "is not a file"
+    runs = user()
+    if runs is None:
+        return ""  # rights are in access lists, which are not judged
     mode = stat.S_IMODE(status.st_mode)
     if mode & ~(stat.S_IRUSR | stat.S_IWUSR):
         return f"mode {mode:04o} must be 0600, because only its owner may read a key: chmod 600 {path}"
-    if status.st_uid != (os.geteuid() if owner is None else owner):
-        must = f"{os.geteuid()}, who runs this" if owner is None else f"{owner}, who is to use it"
+    if status.st_uid != (runs if owner is None else owner):
+        must = f"{runs}, who runs this" if owner is None else f"{owner}, who is to use it"
         return f"belongs to user {status.st_uid}, must belong to {must}"
     return ""
 

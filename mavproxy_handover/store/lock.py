@@ -15,12 +15,12 @@ A serial line has a lock of the same kind, which other programs respect too (pys
 
 from __future__ import annotations
 
-import fcntl
 import os
 from contextlib import suppress
 from pathlib import Path
 
 from mavproxy_handover.store.memory import memory_folder, memory_name
+from mavproxy_handover.tools.operating_system import CLOSED_ON_EXEC, NO_LINK, lock, restrict, user
 
 __all__ = ["LockError", "VehicleLock", "lock_line"]
 
@@ -57,13 +57,13 @@ class VehicleLock:
 
     def _acquire(self, path: Path, named: Path, vehicle: str) -> None:
         """Lock `path`; an error names `named`."""
-        descriptor = os.open(path, os.O_RDONLY | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW, 0o600)
+        descriptor = os.open(path, os.O_RDONLY | os.O_CREAT | CLOSED_ON_EXEC | NO_LINK, 0o600)
         self.descriptors.append(descriptor)
         # the file is of an earlier version, which other users could lock; or the disk is read-only
         with suppress(OSError):
-            if os.fstat(descriptor).st_uid == os.geteuid():
-                os.fchmod(descriptor, 0o600)
-        if not _lock(descriptor):
+            if os.fstat(descriptor).st_uid == user():
+                restrict(descriptor, 0o600)
+        if not lock(descriptor):
             raise LockError(f"{named} is locked: another companion of {vehicle} is running")
 
     def release(self) -> None:
@@ -75,17 +75,8 @@ class VehicleLock:
 def lock_line(descriptor: int, device: str) -> None:
     """Lock a serial line while it is open. Raises LockError. A device without locks is not locked."""
     try:
-        free = _lock(descriptor)
+        free = lock(descriptor)
     except OSError:
         return
     if not free:
         raise LockError(f"{device} is locked: another program uses this line, maybe another companion")
-
-
-def _lock(descriptor: int) -> bool:
-    """Lock the file. Returns False if another process holds the lock. Raises OSError."""
-    try:
-        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError:
-        return False
-    return True

@@ -392,7 +392,7 @@ def test_no_word_shows_the_usage(station: StationBench, typed: str) -> None:
     words = "status|share|rehearse|start|stop|continue|request|release|resume|return|ack|telemetry|briefing|accept"
     words += "|deny|connect|disconnect|give|override|delegate|take|operator|set"
     assert lines[0] == f"usage: handover <{words}>"
-    assert lines[-1] == "  set       NAME VALUE: telemetry = 10.0, request_timeout = 30.0"
+    assert lines[-1] == "  set       NAME VALUE: telemetry = 10.0, request_timeout = 30.0, mavproxy_lines = False"
     assert len(lines) == 26
 
 
@@ -419,7 +419,11 @@ def test_completion_offers_words_and_settings(station: StationBench) -> None:
         "set (HANDOVERSETTING)",
         "operator",
     ]
-    assert station.mpstate.completion_functions["(HANDOVERSETTING)"]("") == ["telemetry", "request_timeout"]
+    assert station.mpstate.completion_functions["(HANDOVERSETTING)"]("") == [
+        "telemetry",
+        "request_timeout",
+        "mavproxy_lines",
+    ]
 
 
 @pytest.mark.parametrize(
