@@ -225,6 +225,6 @@ def test_a_dumb_terminal_gets_no_control_sequence(opened: list[Terminal], tmp_pa
     opened.append(Terminal(tmp_path, TERM="dumb"))
     opened[0].shows("YOU MAV>")
     opened[0].types("say danger\r")
-    opened[0].shows("  got: say danger", "  YOU MAV> danger")
+    opened[0].shows("got: say danger", "YOU MAV> danger")
     assert b"\x1b7" not in opened[0].raw
     assert b"\x1b[1;97;41m" not in opened[0].raw
