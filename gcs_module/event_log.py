@@ -89,6 +89,11 @@ class StationEventLog:
         self._journal.write("operator", text)
         self._tell(text, Level.WARNING)
 
+    def closing(self, text: str) -> None:
+        """The station ends while it commands an aircraft in flight."""
+        self._journal.write("closing", text)
+        self._tell(text, Level.WARNING)
+
     def link(self, text: str) -> None:
         """A fault of a link, or of a sender on it."""
         self._journal.write("link", text)

@@ -25,6 +25,7 @@ from pymavlink.dialects.v20 import handover as mavlink
 from gcs_module.aircraft import Aircraft
 from gcs_module.alarms import Level
 from gcs_module.banner import Situation
+from gcs_module.closing import Closing
 from gcs_module.console_rows import ConsoleRows
 from gcs_module.core import Notice, PeerHeard, Role
 from gcs_module.duty import Duty
@@ -162,7 +163,10 @@ class HandoverGcsModule(mp_module.MPModule):
         if self._served is not None:
             self._served.begin(self.now())
         self._panel = self._open_panel()
-        self._interrupts = Interrupts(mpstate, self._flown_from_here, self.now)
+        self.closing = Closing(self.aircraft, self.event_log.closing)
+        self._interrupts = Interrupts(mpstate, self.closing, self.now)
+        if "exit" not in mpstate.command_map:
+            self.add_command("exit", lambda _args: self._interrupts.on_exit(), "end this station")
         self._interrupts.install()
         self.terminal.install()
 
@@ -263,16 +267,13 @@ class HandoverGcsModule(mp_module.MPModule):
         if self._served is not None:
             self._guarded("served program", self._served.release)
         self.remove_command("handover")
+        self.mpstate.command_map.pop("exit", None)
         self.mpstate.completion_functions.pop("(HANDOVERSETTING)", None)
         self.mpstate.public_modules.pop("handover_gcs", None)
         self.settings.source_system = self._kept_source_system
         if self._kept_name is not None:
             self.settings.vehicle_name = self._kept_name
         self.event_log.unloaded()
-
-    def _flown_from_here(self) -> str:
-        """Names of the aircraft in flight that this station commands; "" if there is none."""
-        return " and ".join(aircraft.core.vehicle_name for aircraft in self.aircraft if aircraft.state.flown_from_here)
 
     def _on_hand(self) -> str:
         """Names of the aircraft in flight that this station commands, or is about to command; "" if there is none."""
@@ -441,6 +442,7 @@ class HandoverGcsModule(mp_module.MPModule):
         if now >= self._turn_at:
             self._turn_at = now + _TURN_S
             self._guarded("links", partial(self._turns, now))
+            self._guarded("closing", partial(self.closing.tick, now))
             if self._served is not None:
                 self._guarded("served program", partial(self._served.tick, now))
             self._guarded("links", self.links.push)

@@ -404,6 +404,14 @@ _CURE_ROWS: Final = (
 
 _HANDOVER: Final = (
     Sentence(
+        "{station} gives up control, and no station can take the aircraft now. When it is in your zone, type "
+        "'handover request'",
+        _WARNING,
+        "The commander's operator has released the aircraft in flight, or its program ends. It commands until a "
+        "station has taken the aircraft.",
+        "'handover request', if the aircraft is in your zone.",
+    ),
+    Sentence(
         "{cure}",
         _WARNING,
         "The named station cannot be partner. Each reason has its row below.",

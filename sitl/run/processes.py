@@ -26,6 +26,7 @@ from sitl.vehicles.parent_death import die_with_parent
 __all__ = ["Child", "ProcessGone", "Processes", "ending"]
 
 _STOP_TIMEOUT_S = 4.0
+_SIGNALS = {"terminate": signal.SIGTERM, "hang up": signal.SIGHUP, "interrupt": signal.SIGINT}
 _PROJECT = Path(sitl.__file__).resolve().parents[1]
 
 
@@ -100,6 +101,16 @@ class Child:
         self._signal_group(signal.SIGKILL)
         self._process.wait()
         self._note_end()
+
+    def close(self, how: str) -> None:
+        """Tell it to end, in a way of `script.fault_steps.CLOSINGS`. Its end is no fault then."""
+        self.killed = True
+        if how == "exit":
+            self.type("exit")
+        elif how == "end of input":
+            self._close_console()
+        else:
+            self._process.send_signal(_SIGNALS[how])
 
     def ask_to_end(self) -> None:
         """Close its console and send SIGTERM: MAVProxy's console thread sees only the one, its main loop the other."""

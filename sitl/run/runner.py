@@ -226,6 +226,14 @@ class _Flight:
         self.processes[process].kill()
         self.notes.kills[process] = self.now()
 
+    def close(self, process: str, how: str) -> None:
+        self._begin_anew()
+        try:
+            self.processes[process].close(how)
+        except ProcessGone as error:
+            raise StepFailed(str(error)) from None
+        self.notes.kills[process] = self.now()
+
     def crash(self, process: str) -> None:
         self._begin_anew()
         pid = self.processes[process].offspring()

@@ -11,11 +11,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Final
 
 from sitl.script.box_orders import parse_order
 from sitl.script.steps import Deed, Running, Stage, done_at_once
 
-__all__ = ["FAULT_STEPS", "Box", "Crash", "Impair", "Kill", "Restart", "World"]
+__all__ = ["CLOSINGS", "FAULT_STEPS", "Box", "Close", "Crash", "Impair", "Kill", "Restart", "World"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,9 +53,38 @@ class Crash(Deed):
         return Running(done_at_once)
 
 
+#: how a station is closed
+CLOSINGS: Final = ("terminate", "hang up", "interrupt", "end of input", "exit")
+
+
+@dataclass(frozen=True, slots=True)
+class Close(Deed):
+    """A station that is told to end. It writes `unloaded` into its journal when it does.
+
+    `how`: "terminate" (SIGTERM), "hang up" (SIGHUP), "interrupt" (SIGINT), "end of input", or the word "exit".
+    """
+
+    station: str
+    how: str
+
+    def __post_init__(self) -> None:
+        if self.how not in CLOSINGS:
+            raise ValueError(f"how: {self.how!r} must be one of {', '.join(CLOSINGS)}")
+
+    def processes(self) -> tuple[str, ...]:
+        return (self.station,)
+
+    def describe(self) -> str:
+        return f"{self.station} is closed ({self.how})"
+
+    def begin(self, stage: Stage) -> Running:
+        stage.close(self.station, self.how)
+        return Running(done_at_once)
+
+
 @dataclass(frozen=True, slots=True)
 class Restart(Deed):
-    """A process that was killed, started again with the same command line in the same folder."""
+    """A process that was killed or closed, started again with the same command line in the same folder."""
 
     value: str
 
@@ -163,6 +193,7 @@ class Transmit(Deed):
 FAULT_STEPS: Mapping[str, type[Deed]] = {
     "kill": Kill,
     "crash": Crash,
+    "close": Close,
     "restart": Restart,
     "impair": Impair,
     "world": World,

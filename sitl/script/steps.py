@@ -64,6 +64,9 @@ class Stage(Protocol):
     def kill(self, process: str) -> None:
         """Kill a process. Raises StepFailed."""
 
+    def close(self, process: str, how: str) -> None:
+        """Tell a process to end, in a way of `fault_steps.CLOSINGS`. Raises StepFailed."""
+
     def crash(self, process: str) -> None:
         """Kill what a process supervises. Raises StepFailed."""
 

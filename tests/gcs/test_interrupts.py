@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Ctrl-C and SIGTERM at a station: a program on a terminal that waits for input as MAVProxy does, and real stations."""
+"""How a station ends: a program that waits for input as MAVProxy does, and real stations."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ ASKS = (
 CTRL_C = b"\x03"
 #: as much of MAVProxy as there is to interrupt
 PROGRAM = """
-import signal, sys, time
+import signal, sys, threading, time
 from types import SimpleNamespace
 from gcs_module.interrupts import Interrupts
 mpstate = SimpleNamespace(
@@ -37,17 +37,29 @@ def quit_handler(number, frame):
         sys.exit(0)
     mpstate.status.exit = True
 signal.signal(signal.SIGTERM, quit_handler)
-def flying():
-    {flying}
-interrupts = Interrupts(mpstate, flying, time.monotonic)
+class Closing:
+    @property
+    def flown(self):
+        {flying}
+    def wait(self):
+        print("offered", flush=True)
+        time.sleep({offers_s})
+    def ask(self, then):
+        print("offered", flush=True)
+        threading.Timer(0.3, then).start()
+mpstate.rl = SimpleNamespace(input=lambda: input("MAV> "))
+interrupts = Interrupts(mpstate, Closing(), time.monotonic)
 interrupts.install()
 def input_loop():
     while not mpstate.status.exit:
         try:
-            print("line:", input("MAV> "))
+            line = mpstate.rl.input()
+            print("line:", line, flush=True)
+            if line == "exit":
+                threading.Timer(0.1, interrupts.on_exit).start()
         except (EOFError, OSError):
             mpstate.status.exit = True
-print("ready")
+print("ready", flush=True)
 while not mpstate.status.exit:
     try:
         input_loop()
@@ -116,7 +128,7 @@ def terminals() -> Iterator[list[Terminal]]:
 
 
 def started(terminals: list[Terminal], folder: Path, flying: str, requireexit: bool = False) -> Terminal:
-    program = PROGRAM.format(flying=flying, requireexit=requireexit)
+    program = PROGRAM.format(flying=flying, requireexit=requireexit, offers_s=0.5)
     terminals.append(Terminal([sys.executable, "-c", program], folder))
     terminals[-1].shows("MAV> ")
     time.sleep(0.3)  # it has written its prompt, and is about to wait for a line
@@ -155,12 +167,79 @@ def test_otherwise_it_ends_at_once_and_in_order(flying: str, terminals: list[Ter
     assert "in order" in terminal.text
 
 
-def test_sigterm_always_ends_it(terminals: list[Terminal], tmp_path: Path) -> None:
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
+def test_a_signal_ends_it_after_the_aircraft_was_offered(
+    number: signal.Signals, terminals: list[Terminal], tmp_path: Path
+) -> None:
     terminal = started(terminals, tmp_path, IN_FLIGHT)
-    terminal.process.send_signal(signal.SIGTERM)
+    terminal.process.send_signal(number)
+    assert terminal.ends() == 0
+    assert terminal.text.index("offered") < terminal.text.index("in order")
+    assert "You command" not in terminal.text
+
+
+def test_a_second_signal_ends_it_at_once(terminals: list[Terminal], tmp_path: Path) -> None:
+    program = PROGRAM.format(flying=IN_FLIGHT, requireexit=False, offers_s=30.0)
+    terminals.append(Terminal([sys.executable, "-c", program], tmp_path))
+    terminals[0].shows("MAV> ")
+    time.sleep(0.3)
+    terminals[0].process.send_signal(signal.SIGTERM)
+    terminals[0].shows("offered")
+    terminals[0].process.send_signal(signal.SIGTERM)
+    began = time.monotonic()
+    assert terminals[0].ends() == 0
+    assert time.monotonic() - began < 15.0
+    assert "in order" in terminals[0].text
+
+
+@pytest.mark.parametrize(
+    ("keys", "question"), [(b"\x04", "Press Ctrl-D again within 3 s"), (b"exit\n", "Type 'exit' again within 15 s")]
+)
+def test_the_end_of_input_and_exit_ask_first_too(
+    keys: bytes, question: str, terminals: list[Terminal], tmp_path: Path
+) -> None:
+    terminal = started(terminals, tmp_path, IN_FLIGHT)
+    terminal.types(keys)
+    terminal.shows(question)
+    assert terminal.process.poll() is None
+    terminal.types(keys)
+    assert terminal.ends() == 0
+    assert terminal.text.index("offered") < terminal.text.index("in order")
+
+
+@pytest.mark.parametrize("keys", [b"\x04", b"exit\n"])
+def test_on_the_ground_they_end_it(keys: bytes, terminals: list[Terminal], tmp_path: Path) -> None:
+    terminal = started(terminals, tmp_path, ON_THE_GROUND)
+    terminal.types(keys)
     assert terminal.ends() == 0
     assert "in order" in terminal.text
-    assert ASKS not in terminal.text
+
+
+@pytest.mark.parametrize("how", ["end of input", "exit", "interrupt", "terminate", "hang up"])
+def test_in_a_pipe_it_asks_nothing_and_offers_the_aircraft(how: str) -> None:
+    program = PROGRAM.format(flying=IN_FLIGHT, requireexit=False, offers_s=0.5)
+    process = subprocess.Popen(
+        [sys.executable, "-c", program], stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.STDOUT
+    )
+    assert process.stdin is not None
+    assert process.stdout is not None
+    assert process.stdout.readline() == b"ready\n"
+    time.sleep(0.3)
+    numbers = {"interrupt": signal.SIGINT, "terminate": signal.SIGTERM, "hang up": signal.SIGHUP}
+    if how in numbers:
+        process.send_signal(numbers[how])
+    elif how == "exit":
+        process.stdin.write(b"exit\n")
+        process.stdin.flush()
+    else:
+        process.stdin.close()
+    said = process.stdout.read().decode()
+    process.wait(TIMEOUT_S)
+    if not process.stdin.closed:
+        process.stdin.close()
+    process.stdout.close()
+    assert said.index("offered") < said.index("in order")
+    assert "You command" not in said
 
 
 def test_where_mavproxy_wants_the_word_exit_it_still_does(terminals: list[Terminal], tmp_path: Path) -> None:

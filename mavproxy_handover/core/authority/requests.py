@@ -12,7 +12,7 @@ from mavproxy_handover.core.authority.control import ControlFacts, Effect, judge
 from mavproxy_handover.core.authority.presence import Presence
 from mavproxy_handover.core.authority.transfer import Cause
 from mavproxy_handover.core.authority.transfer_manager import TransferManager
-from mavproxy_handover.core.common.events import Action, ControlAnswer, ControlRequested, ControlResult, Record
+from mavproxy_handover.core.common.events import Action, Advise, ControlAnswer, ControlRequested, ControlResult, Record
 from mavproxy_handover.core.common.model import Reason
 from mavproxy_handover.core.common.never import assert_never
 
@@ -118,6 +118,7 @@ class Requests:
 
     def _offer(self, now: float, actions: list[Action]) -> None:
         """The commander gives the aircraft to any station that can take it."""
+        first = not self._authority.takeover_allowed
         self._authority.allow_takeover(True, actions)
         if self._authority.transfer is not None:
             self._transfer_manager.consent(now, actions)
@@ -125,3 +126,13 @@ class Requests:
         usable = self._candidates.usable(self._authority.owner, Reason.GIVEN, now, actions)
         if usable:
             self._transfer_manager.begin(self._candidates.best(usable), Reason.GIVEN, now, actions, consented=True)
+        elif first:
+            self._tell_offered(actions)
+
+    def _tell_offered(self, actions: list[Action]) -> None:
+        """Tell all other stations that they may take the aircraft."""
+        owner = self._authority.owner
+        others = tuple(station for station in self._presence if station != owner)
+        text = f"{self._authority.name(owner)} gives up control, and no station can take the aircraft now."
+        if others:
+            actions.append(Advise(others, f"{text} When it is in your zone, type 'handover request'."))
