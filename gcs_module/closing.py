@@ -1,10 +1,11 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What a station does before it ends while it commands aircraft in flight.
+"""The end of a station that commands aircraft in flight.
 
-It releases them. The vehicle then hands each to a station that is ready and whose zone holds it. If there is none, the
-vehicle tells all other stations, and gives control to the first that asks. This station ends as soon as it commands no
-aircraft any more, and after WAIT_S at the latest. An aircraft that no station has taken has lost its commander then.
+The station releases them. The vehicle then hands each to a station that is ready and whose zone holds it. If there is
+none, the vehicle tells all other stations, and gives control to the first that asks. This station ends as soon as it
+commands no aircraft any more, and after WAIT_S at the latest. An aircraft that no station has taken has lost its
+commander then.
 
 The thread that ends the program waits; the main loop does the rest. Times are monotonic seconds.
 """

@@ -39,7 +39,9 @@ def our_settings() -> Any:
             mp_settings.MPSetting(
                 "request_timeout", float, 30.0, "seconds the commander has to answer a request", range=(3, 60)
             ),
-            mp_settings.MPSetting("mavproxy_lines", bool, False, "show MAVProxy's lines that are left out else"),
+            mp_settings.MPSetting(
+                "mavproxy_lines", int, 0, "1: show also the lines of MAVProxy that are left out", range=(0, 1)
+            ),
         ]
     )
 

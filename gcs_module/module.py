@@ -344,7 +344,7 @@ class HandoverGcsModule(mp_module.MPModule):
         return ""
 
     def _chosen_situation(self) -> Situation | None:
-        """The situation of the aircraft that MAVProxy's commands are for; None: they are for none of ours."""
+        """The situation of the aircraft that MAVProxy has chosen; None: it is none of this station's."""
         return next((each.situation() for each in self.aircraft if self.chosen(each.sysid)), None)
 
     def _show_status(self) -> None:

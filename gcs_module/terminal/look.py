@@ -2,8 +2,9 @@
 
 """The words and colours of a station's terminal: status line, prompt, lines. Pure.
 
-The status line names the station that commands, what comes next, the aircraft's values with their age, and the time of
-day, so that a line that stands still shows it. Several aircraft: the most urgent first, until the line is full.
+The status line names the station that commands, what comes next, and the aircraft's values with their age. It ends with
+the time of day, so that a line that stands still shows it. Of several aircraft the most urgent is first, until the line
+is full.
 """
 
 from __future__ import annotations

@@ -2,10 +2,10 @@
 
 """The control sequences of a terminal with a status line: a reserved last row, and lines above the input.
 
-The last row is kept out of the scrolling region. A line of the program is inserted above the row in which the operator
-types, so that half a command and its cursor stay as they are, and readline does not notice. That takes: index and
-cursor up (makes room below), save the cursor, insert a line, write, restore the cursor, cursor down. All are sequences
-of the VT220. Linux's console, xterm and its many relatives, Terminal.app, tmux and screen know them.
+The last row is kept out of the scrolling region. A line of the program is inserted above the row of the input, so that
+half a command and its cursor stay as they are. Readline does not notice. The sequence: index and cursor up (makes room
+below), save the cursor, insert a line, write, restore the cursor, cursor down. All are sequences of the VT220. Linux's
+console, xterm and its many relatives, Terminal.app, tmux and screen know them.
 
 Nothing here reads or writes: each function returns what to write.
 """

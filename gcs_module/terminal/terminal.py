@@ -53,7 +53,7 @@ _STYLES: Final[Mapping[Level, str]] = {
 
 
 class Kind(Enum):
-    """What the station's input and output are."""
+    """Kinds of the station's input and output."""
 
     PIPE = "no terminal"
     PLAIN = "a terminal without control sequences"

@@ -26,7 +26,7 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any, Final
 
-from mavproxy_handover.tools.operating_system import CLOSED_ON_EXEC, NEVER_WAIT
+from mavproxy_handover.store.portable import CLOSED_ON_EXEC, NEVER_WAIT
 
 __all__ = ["HISTORY_BYTES", "MAX_LINE", "Entry", "Tail", "parse"]
 

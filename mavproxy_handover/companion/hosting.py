@@ -14,8 +14,8 @@ from mavproxy_handover.link.devices import LinkError
 from mavproxy_handover.mission.errors import MissionError
 from mavproxy_handover.store.keys import KeysError
 from mavproxy_handover.store.lock import LockError
+from mavproxy_handover.store.portable import lock
 from mavproxy_handover.supervision.watchdog_pipe import Refusal
-from mavproxy_handover.tools.operating_system import lock
 
 __all__ = ["SharedLog", "guarded", "refusal", "why"]
 

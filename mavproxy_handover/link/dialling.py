@@ -17,7 +17,7 @@ from typing import Final
 from mavproxy_handover.link.base import Backoff, reason
 from mavproxy_handover.link.forms import DeviceSpec, LinkError
 from mavproxy_handover.link.names import Address, Names, endpoint, is_number, look_up_for
-from mavproxy_handover.tools.operating_system import Poll, poll
+from mavproxy_handover.link.polling import Poll, poll
 
 __all__ = ["Dialling", "tune"]
 

@@ -24,7 +24,7 @@ import serial
 
 from mavproxy_handover.link.base import Backoff, Clock, Device, OutBuffer, reason
 from mavproxy_handover.link.forms import DeviceSpec, Kind, LinkError
-from mavproxy_handover.tools.operating_system import poll
+from mavproxy_handover.link.polling import poll
 from mavproxy_handover.wire.frames import MAX_FRAME_BYTES, PATIENCE_S, Frame, FrameSplitter
 
 __all__ = ["SerialLine"]

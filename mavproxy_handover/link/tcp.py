@@ -37,7 +37,7 @@ from mavproxy_handover.link.base import PEER_HOLD_S, Backoff, Clock, Device, Out
 from mavproxy_handover.link.dialling import Dialling, tune
 from mavproxy_handover.link.forms import DeviceSpec, Kind, LinkError
 from mavproxy_handover.link.names import Names, endpoint, hear_both_kinds, host_of
-from mavproxy_handover.tools.operating_system import Poll, poll
+from mavproxy_handover.link.polling import Poll, poll
 from mavproxy_handover.wire.frames import Frame, FrameSplitter
 
 __all__ = ["TcpIn", "TcpOut"]

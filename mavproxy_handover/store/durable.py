@@ -18,7 +18,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-from mavproxy_handover.tools.operating_system import CLOSED_ON_EXEC, restrict
+from mavproxy_handover.store.portable import CLOSED_ON_EXEC, restrict
 
 __all__ = [
     "checksum",

@@ -29,7 +29,7 @@ from math import inf
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
-from mavproxy_handover.tools.operating_system import lock
+from mavproxy_handover.store.portable import lock
 
 __all__ = ["LATEST", "Flight", "Room", "begin", "delete", "flights", "latest_flight", "to_go"]
 

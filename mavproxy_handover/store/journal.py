@@ -33,7 +33,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from mavproxy_handover.store.background_writer import CLOSE_S, BackgroundWriter
-from mavproxy_handover.tools.operating_system import CLOSED_ON_EXEC
+from mavproxy_handover.store.portable import CLOSED_ON_EXEC
 
 __all__ = ["Journal", "strangers_path"]
 

@@ -28,7 +28,7 @@ from pathlib import Path
 from typing import Final
 
 from mavproxy_handover.store.durable import discard, sync_folder, write_beside
-from mavproxy_handover.tools.operating_system import CLOSED_ON_EXEC, NEVER_WAIT, user
+from mavproxy_handover.store.portable import CLOSED_ON_EXEC, NEVER_WAIT, user
 from mavproxy_handover.wire.signing import KEY_BYTES, fingerprint
 
 __all__ = [

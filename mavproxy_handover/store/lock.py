@@ -20,7 +20,7 @@ from contextlib import suppress
 from pathlib import Path
 
 from mavproxy_handover.store.memory import memory_folder, memory_name
-from mavproxy_handover.tools.operating_system import CLOSED_ON_EXEC, NO_LINK, lock, restrict, user
+from mavproxy_handover.store.portable import CLOSED_ON_EXEC, NO_LINK, lock, restrict, user
 
 __all__ = ["LockError", "VehicleLock", "lock_line"]
 

@@ -198,7 +198,7 @@ SHOWN: Final = (
         _in(
             "gcs_module",
             "commands fleet vehicle_selection view console_rows map_layer core aircraft event_log module "
-            "window_watchdog",
+            "window_watchdog closing interrupts",
         ),
     ),
     Family(

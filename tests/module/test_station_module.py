@@ -392,7 +392,7 @@ def test_no_word_shows_the_usage(station: StationBench, typed: str) -> None:
     words = "status|share|rehearse|start|stop|continue|request|release|resume|return|ack|telemetry|briefing|accept"
     words += "|deny|connect|disconnect|give|override|delegate|take|operator|set"
     assert lines[0] == f"usage: handover <{words}>"
-    assert lines[-1] == "  set       NAME VALUE: telemetry = 10.0, request_timeout = 30.0, mavproxy_lines = False"
+    assert lines[-1] == "  set       NAME VALUE: telemetry = 10.0, request_timeout = 30.0, mavproxy_lines = 0"
     assert len(lines) == 26
 
 
