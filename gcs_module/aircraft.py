@@ -366,7 +366,18 @@ class Aircraft:
     def _map_contents(self) -> Now:
         state, now = self.state, self._now()
         text, track = self.decisions.text, self.route.track
-        return now_of(self.core, self.situation(), text, state.return_site, track, now, own_route=not state.rerouted)
+        values = self.view.values
+        return now_of(
+            self.core,
+            self.situation(),
+            text,
+            state.return_site,
+            track,
+            now,
+            own_route=not state.rerouted,
+            aircraft=values.place,
+            aircraft_s=now - values.at if values.place is not None else 0.0,
+        )
 
     def _check_name(self) -> None:
         """The vehicle's texts use its own name for itself: tell the operator if the configuration has another one."""

@@ -72,7 +72,7 @@ class Closing:
             self._begin(now)
         left = [each for each in self._offered if each.state.flown_from_here]
         if not any(each.core.vehicle_alive(now) for each in left) or now >= self._until:
-            self._end(left)
+            self._end([each for each in self._offered if each.state.flown_from_here or each.core.commander is None])
 
     def _begin(self, now: float) -> None:
         self._until = now + WAIT_S
@@ -82,6 +82,8 @@ class Closing:
             self._tell(f"{offer}, for at most {WAIT_S:.0f} s.")
         for each in self._offered:
             each.commands.run(["release"])
+            if each.core.control.in_use:  # without our companion a release is asked for twice, and tells all others
+                each.commands.run(["release"])
 
     def _end(self, left: Sequence[Flown]) -> None:
         for each in left:

@@ -39,6 +39,9 @@ _AROUND, _BETWEEN, _HALF, _CORNER, _NEXT_PLATE = 4, 5, 7, 8, 110
 #: nothing is drawn farther outside than this (pixels): OpenCV uses 32 bits
 _FAR: Final = 1 << 24
 
+#: radius of the ring around an aircraft (pixels): MAVProxy's icon is inside
+_RING: Final = 20
+
 _Bounds = tuple[float, float, float, float]
 _Pixels = Callable[[Place], tuple[int, int]]
 
@@ -99,7 +102,11 @@ class DrawnSign(SlipObject):
         x, y = pixmapper(_beside(item.place, bounds))
         if max(abs(x), abs(y)) >= _FAR:
             return
-        if item.mark is not Mark.NONE:
+        if item.mark is Mark.RING:
+            cv2.circle(img, (x, y), _RING, _EDGE, 5, cv2.LINE_AA)
+            cv2.circle(img, (x, y), _RING, item.colour, 2, cv2.LINE_AA)
+            y += _RING + _AROUND
+        elif item.mark is not Mark.NONE:
             look = cv2.MARKER_DIAMOND if item.mark is Mark.DIAMOND else cv2.MARKER_STAR
             inside = item.colour if item.plate == _EDGE else item.plate
             cv2.drawMarker(img, (x, y), _EDGE, look, 2 * _HALF + 2, 5, cv2.LINE_AA)

@@ -23,6 +23,7 @@ class Mark(Enum):
     NONE = ""
     DIAMOND = "diamond"
     STAR = "star"
+    RING = "ring"
 
 
 @dataclass(frozen=True, slots=True)

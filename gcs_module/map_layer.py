@@ -26,9 +26,9 @@ from typing import Any, Final
 
 from gcs_module.ahead import Ahead
 from gcs_module.alarms import LOOKS, Level
-from gcs_module.banner import Situation, banner
+from gcs_module.banner import Situation, age, banner
 from gcs_module.core import StationCore
-from gcs_module.map_items import Colour, Item, Mark, Paths, Plate, Row, Sign
+from gcs_module.map_items import Colour, Item, Mark, Paths, Place, Plate, Row, Sign
 from gcs_module.mission_map import Crossing, MissionMap, ZoneView
 from mavproxy_handover.core.common.model import FlightAction
 from mavproxy_handover.core.safety.route import TrackFact
@@ -44,6 +44,7 @@ _NAMED: Final[Mapping[str, Colour]] = {
     "white": (255, 255, 255),
 }
 _RETURN: Final[Colour] = (0, 105, 40)
+_OLD: Final[Colour] = (110, 110, 110)
 #: widths of lines, in pixels
 _PLAIN, _BROAD = 2, 5
 #: modes in which the autopilot flies to the return site
@@ -72,7 +73,8 @@ class Now:
     and longitude of the return site, None: not known; `returning`: the aircraft flies there; `at`: the number of the
     item that is flown to, and how far along its leg the aircraft is (m), None: not known; `own_route`: the mission
     package's route is flown; `old`: the vehicle has not been heard for a while, so the values are of that time;
-    `seconds`: time of the values, in whole seconds of the monotonic clock.
+    `seconds`: time of the values, in whole seconds of the monotonic clock; `aircraft`: its last position, None: not
+    known; `aircraft_s`: the age of that.
     """
 
     banner: str = ""
@@ -86,6 +88,8 @@ class Now:
     own_route: bool = True
     old: bool = False
     seconds: float = 0.0
+    aircraft: Place | None = None
+    aircraft_s: float = 0.0
 
 
 def place_of(m: Any) -> tuple[str, float, float] | None:
@@ -106,6 +110,8 @@ def now_of(
     now: float,
     *,
     own_route: bool,
+    aircraft: Place | None = None,
+    aircraft_s: float = 0.0,
 ) -> Now:
     """The `Now` of what a station knows. `decision`: the vehicle's sentence about what is wrong; `track`: where the
     aircraft is on its leg. `now` is monotonic seconds."""
@@ -123,6 +129,8 @@ def now_of(
         own_route,
         situation.old,
         float(math.floor(now)),
+        aircraft,
+        float(math.floor(aircraft_s)),
     )
 
 
@@ -151,6 +159,8 @@ def drawn(ground: MissionMap | None, now: Now, number: int = 0) -> dict[str, Ite
             found |= _crossings(ground, now)
     if now.place is not None:
         found["return"] = _return(now.place, returning=now.returning and not now.old)
+    if now.aircraft is not None:
+        found["aircraft"] = _around(now.aircraft, now.aircraft_s)
     found["plate"] = Plate(tuple(_rows(now)), number, now.seconds)
     return found
 
@@ -184,6 +194,14 @@ def _ahead(ground: MissionMap, now: Now) -> Crossing | None:
     pair = border.from_station, border.to_station
     fitting = (each for each in ground.crossings if (each.from_station, each.to_station) == pair)
     return next((each for each in fitting if each.along_m >= from_m), None)
+
+
+def _around(place: Place, age_s: float) -> Sign:
+    """A ring around MAVProxy's icon, which is hard to see on white tiles. A position that is old has its age."""
+    old = age(age_s)
+    if old:
+        return Sign(place, (old,), _OLD, Mark.RING)
+    return Sign(place, (), _NAMED["black"], Mark.RING)
 
 
 def _return(place: tuple[str, float, float], *, returning: bool) -> Sign:

@@ -13,20 +13,38 @@ from typing import Any, Final
 
 from MAVProxy.modules.lib import mp_menu, mp_util
 
-__all__ = ["ENTRIES", "Menu"]
+from mavproxy_handover.wire.ids import LIMITS
 
-#: label in the menu, and the words after `handover` in its command; "give" has a submenu of the stations
+__all__ = ["ENTRIES", "TYPED_ONLY", "Menu"]
+
+#: label in the menu, and the words after `handover` in its command; "give" and "override" have submenus
 ENTRIES: Final = (
     ("Accept", "accept"),
     ("Deny", "deny"),
+    ("Start", "start"),
+    ("Stop", "stop"),
+    ("Continue", "continue"),
+    ("Return", "return"),
+    ("Resume after a return", "resume"),
     ("Request", "request"),
     ("Give to", "give"),
     ("Release", "release"),
+    ("Override for 60 s", "override"),
     ("Acknowledge alarms", "ack"),
+    ("Briefing", "briefing"),
+    ("Telemetry", "telemetry"),
+    ("Share the mission", "share"),
     ("Rehearse on the ground", "rehearse"),
+    ("Report of the rehearsal", "rehearse report"),
     ("End rehearsal", "rehearse end"),
+    ("Addresses of the vehicle", "connect"),
+    ("Forget the vehicle's address", "disconnect"),
+    ("Operator on duty", "operator"),
+    ("Operator signs off", "operator off"),
     ("Status", "status"),
 )
+#: commands that need a word which only the operator knows
+TYPED_ONLY: Final = ("take",)
 _NAME, _WHERE = "Handover", "menu"
 #: the modules that have menus
 _HOSTS: Final = ("console", "map")
@@ -63,12 +81,13 @@ class Menu:
         self._hosts.clear()
 
     def _menu(self) -> Any:
+        choices = {"give": self._stations, "override": tuple(LIMITS.values())}
         items = [
-            mp_menu.MPMenuSubMenu(label, [_entry(name, f"give {name}") for name in self._stations])
-            if words == "give"
+            mp_menu.MPMenuSubMenu(label, [_entry(word, f"{words} {word}") for word in choices[words]])
+            if words in choices
             else _entry(label, words)
             for label, words in ENTRIES
-            if words != "give" or self._stations
+            if choices.get(words) != ()
         ]
         return mp_menu.MPMenuSubMenu(_NAME, items)
 

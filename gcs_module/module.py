@@ -49,6 +49,7 @@ from gcs_module.terminal.look import Craft, status
 from gcs_module.terminal.terminal import Terminal
 from gcs_module.vehicle_selection import VehicleSelection
 from gcs_module.view import alert, plain_line
+from gcs_module.window_title import WindowTitles
 from gcs_module.window_watchdog import WindowWatchdog
 from mavproxy_handover.companion.hosting import SharedLog, guarded, why
 from mavproxy_handover.config.files import (
@@ -119,6 +120,7 @@ class HandoverGcsModule(mp_module.MPModule):
         shows_all = partial(self.settings_of_ours.get, "mavproxy_lines")
         self._lines = ConsoleLines(lambda: mpstate.console, self.now, shows_all, self.terminal.painted)
         self._windows = WindowWatchdog(self.fault)
+        self._titles = WindowTitles(mpstate, config.station.name, self._vehicle_names, self.fault)
         #: the thread of the main loop, and commands that came by another thread: MAVProxy's console has one for its
         #: menus
         self._thread = threading.get_ident()
@@ -347,6 +349,9 @@ class HandoverGcsModule(mp_module.MPModule):
         """The situation of the aircraft that MAVProxy has chosen; None: it is none of this station's."""
         return next((each.situation() for each in self.aircraft if self.chosen(each.sysid)), None)
 
+    def _vehicle_names(self) -> list[str]:
+        return [each.core.vehicle_name for each in self.aircraft]
+
     def _show_status(self) -> None:
         now = self.now()
         crafts = [Craft(each.situation(), each.view.values.aged(now)) for each in self.aircraft]
@@ -456,6 +461,7 @@ class HandoverGcsModule(mp_module.MPModule):
             self._guarded("menu", self.menu.tick)
             self._guarded("console rows", partial(self._rows.tick, now))
             self._guarded("windows", self._windows.tick)
+            self._guarded("window title", self._titles.tick)
             self._guarded("status line", self._show_status)
             self._guarded("operator on duty", partial(self._duty_file.tick, now))
 

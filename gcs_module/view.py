@@ -96,6 +96,8 @@ class Values:
 
     def __init__(self) -> None:
         self._motion = self._battery = ""
+        #: latitude and longitude (degrees) of the last position
+        self.place: tuple[float, float] | None = None
         #: time of the last position (monotonic s)
         self.at = -inf
 
@@ -104,7 +106,7 @@ class Values:
         kind = m.get_type()
         if kind == "GLOBAL_POSITION_INT":
             self._motion = f"{m.relative_alt / 1000:.0f} m, {hypot(m.vx, m.vy) / 100:.1f} m/s"
-            self.at = now
+            self.at, self.place = now, (m.lat / 1e7, m.lon / 1e7)
         elif kind == "SYS_STATUS":
             self._battery = "" if m.battery_remaining < 0 else f", battery {m.battery_remaining}%"
 

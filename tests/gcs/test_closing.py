@@ -24,6 +24,8 @@ class Craft:
         self.state: Any = SimpleNamespace(flown_from_here=flown)
         self.heard = True
         self.core: Any = SimpleNamespace(vehicle_name=name, vehicle_alive=lambda now: self.heard)
+        self.core.control = SimpleNamespace(in_use=False)
+        self.core.commander = 251
         self.typed: list[list[str]] = []
         self.commands: Any = SimpleNamespace(run=self.typed.append)
 
@@ -71,6 +73,25 @@ def test_it_ends_though_no_station_takes_it(why: str) -> None:
     made.tick(NOW + (WAIT_S if why == "time" else WAIT_S - 0.05))
     assert ended == [True]
     assert told[1:] == ["No station has taken drone-1. It loses its commander now, and acts by itself."]
+
+
+def test_an_aircraft_that_loses_its_commander_meanwhile_was_not_taken() -> None:
+    craft = Craft()
+    made, told = closing(craft)
+    made.ask(lambda: None)
+    made.tick(NOW)
+    craft.state.flown_from_here, craft.core.commander = False, None
+    made.tick(NOW + 1.0)
+    assert told[1:] == ["No station has taken drone-1. It loses its commander now, and acts by itself."]
+
+
+def test_without_our_companion_the_release_is_confirmed() -> None:
+    craft = Craft()
+    craft.core.control.in_use = True
+    made, _told = closing(craft)
+    made.ask(lambda: None)
+    made.tick(NOW)
+    assert craft.typed == [["release"], ["release"]]
 
 
 def test_on_the_ground_it_ends_at_once() -> None:

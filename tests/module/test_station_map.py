@@ -274,12 +274,28 @@ def test_each_entry_types_what_the_operator_could_type(station: StationBench) ->
     assert entries(console.menus["Handover"]) == {
         "Accept": "# handover accept",
         "Deny": "# handover deny",
+        "Start": "# handover start",
+        "Stop": "# handover stop",
+        "Continue": "# handover continue",
+        "Return": "# handover return",
+        "Resume after a return": "# handover resume",
         "Request": "# handover request",
         "Give to GCSB": "# handover give GCSB",
         "Release": "# handover release",
+        "Override for 60 s energy": "# handover override energy",
+        "Override for 60 s fence": "# handover override fence",
+        "Override for 60 s coverage": "# handover override coverage",
         "Acknowledge alarms": "# handover ack",
+        "Briefing": "# handover briefing",
+        "Telemetry": "# handover telemetry",
+        "Share the mission": "# handover share",
         "Rehearse on the ground": "# handover rehearse",
+        "Report of the rehearsal": "# handover rehearse report",
         "End rehearsal": "# handover rehearse end",
+        "Addresses of the vehicle": "# handover connect",
+        "Forget the vehicle's address": "# handover disconnect",
+        "Operator on duty": "# handover operator",
+        "Operator signs off": "# handover operator off",
         "Status": "# handover status",
     }
     for line in entries(console.menus["Handover"]).values():
@@ -329,9 +345,9 @@ def test_without_wx_there_are_no_menus(station: StationBench, monkeypatch: pytes
     assert (console.added, module.faults) == (0, {})
 
 
-def test_nothing_of_ours_asks_for_wx_but_what_a_map_draws_in_its_own_process() -> None:
+def test_nothing_of_ours_asks_for_wx_but_what_runs_in_a_windows_own_process() -> None:
     folder = Path(map_view.__file__).parent
     texts = {path.name: path.read_text(encoding="utf-8") for path in folder.glob("*.py")}
     asking = [name for name, text in texts.items() if "import wx" in text or "wx_loader" in text]
     assert "map_view.py" in texts
-    assert asking == ["map_drawing.py"]
+    assert sorted(asking) == ["map_drawing.py", "window_title.py"]
