@@ -38,9 +38,9 @@ def display() -> Iterator[str]:
     for program in ("Xvfb", "xwininfo"):
         if shutil.which(program) is None:
             pytest.skip(f"{program} is not installed: the station's windows were NOT tried")
-    found = subprocess.run([PYTHON, "-c", "import wx, cv2"], capture_output=True, check=False)
+    found = subprocess.run([PYTHON, "-c", "import wx, cv2, matplotlib"], capture_output=True, check=False)
     if found.returncode:
-        pytest.skip(f"{PYTHON} has no wxPython and OpenCV: the station's windows were NOT tried")
+        pytest.skip(f"{PYTHON} has no wxPython, OpenCV or matplotlib: the station's windows were NOT tried")
     reader, writer = os.pipe()
     words = ["Xvfb", "-displayfd", str(writer), "-screen", "0", "1400x900x24", "-nolisten", "tcp"]
     server = subprocess.Popen(words, pass_fds=(writer,), stderr=subprocess.DEVNULL)
