@@ -30,15 +30,6 @@ from gcs_module.notices import notice
 
 __all__ = ["GRACE_S", "LOST_S", "NOT_IN_STANDARD", "WINDOW_S", "ControlQuestion", "StandardControl"]
 
-#: commands without a counterpart in the operator-control standard, and what to do instead
-NOT_IN_STANDARD: Final[Mapping[str, str]] = {
-    "give": "'handover release' gives control up, or the other station requests it.",
-    "override": "The limits of energy, fence and coverage belong to our companion.",
-    "rehearse": "A rehearsal needs our companion.",
-    "share": "The vehicle takes no mission package.",
-    "telemetry": "MAVProxy's own displays show the vehicle's values.",
-    "briefing": "Ask the other station how the aircraft is.",
-}
 #: time (s) in which a companion of ours would have been heard
 GRACE_S: Final = 3.0
 #: a manager that was not heard for this long (s) may be replaced by another one
