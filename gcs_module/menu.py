@@ -17,7 +17,7 @@ from mavproxy_handover.wire.ids import LIMITS
 
 __all__ = ["ENTRIES", "TYPED_ONLY", "Menu"]
 
-#: label in the menu, and the words after `handover` in its command; "give" and "override" have submenus
+#: label in the menu, and the words after `handover` in its command; "give", "override" and "payload" have submenus
 ENTRIES: Final = (
     ("Accept", "accept"),
     ("Deny", "deny"),
@@ -30,6 +30,7 @@ ENTRIES: Final = (
     ("Give to", "give"),
     ("Release", "release"),
     ("Override for 60 s", "override"),
+    ("Payload", "payload"),
     ("Acknowledge alarms", "ack"),
     ("Briefing", "briefing"),
     ("Telemetry", "telemetry"),
@@ -44,7 +45,7 @@ ENTRIES: Final = (
     ("Status", "status"),
 )
 #: commands that need a word which only the operator knows
-TYPED_ONLY: Final = ("take",)
+TYPED_ONLY: Final = ("delegate", "take")
 _NAME, _WHERE = "Handover", "menu"
 #: the modules that have menus
 _HOSTS: Final = ("console", "map")
@@ -81,7 +82,7 @@ class Menu:
         self._hosts.clear()
 
     def _menu(self) -> Any:
-        choices = {"give": self._stations, "override": tuple(LIMITS.values())}
+        choices = {"give": self._stations, "override": tuple(LIMITS.values()), "payload": ("request", "release")}
         items = [
             mp_menu.MPMenuSubMenu(label, [_entry(word, f"{words} {word}") for word in choices[words]])
             if words in choices

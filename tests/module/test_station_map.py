@@ -285,6 +285,8 @@ def test_each_entry_types_what_the_operator_could_type(station: StationBench) ->
         "Override for 60 s energy": "# handover override energy",
         "Override for 60 s fence": "# handover override fence",
         "Override for 60 s coverage": "# handover override coverage",
+        "Payload request": "# handover payload request",
+        "Payload release": "# handover payload release",
         "Acknowledge alarms": "# handover ack",
         "Briefing": "# handover briefing",
         "Telemetry": "# handover telemetry",
