@@ -23,6 +23,7 @@ from mavproxy_handover.doctor.finding import Finding, error, ok, unseen, warning
 from mavproxy_handover.doctor.guard_script import card_checksum, shipped_script
 from mavproxy_handover.doctor.journal import autopilot_by_journal
 from mavproxy_handover.doctor.line import RATES, here, line_findings, usable
+from mavproxy_handover.doctor.second_route import BEATS_S, second_routes
 from mavproxy_handover.doctor.talk import Talk
 from mavproxy_handover.link.devices import DeviceSpec, Kind, LinkError, open_device, parse_device
 from mavproxy_handover.mission.heights import above_sea
@@ -147,10 +148,9 @@ class _Visit:
         state = "armed" if self._aircraft.armed else "disarmed"
         kind = self._aircraft.foreign or self._aircraft.profile.firmware
         yield ok(_NAME, f"heartbeat of system {self._vehicle.sysid} on {self._spec.text}: {kind}, {state}")
-        if not self._grounded():
-            yield self._is_armed()
-            return
-        yield from self._asked()
+        yield from self._asked() if self._grounded() else [self._is_armed()]
+        self.talk.listen(BEATS_S)
+        yield from second_routes(self._vehicle.sysid, self.talk.beats)
 
     def _is_armed(self) -> Finding:
         return unseen(

@@ -19,7 +19,7 @@ from mavproxy_handover.link.devices import Device
 from mavproxy_handover.tools.clocks import Clocks
 from mavproxy_handover.wire import codec
 from mavproxy_handover.wire.conversation import Asking, Conversation
-from mavproxy_handover.wire.frames import Frame
+from mavproxy_handover.wire.frames import Frame, field_int
 from mavproxy_handover.wire.ids import DOCTOR_COMPID
 from mavproxy_handover.wire.signing import SignatureVerdict, SignedPeer
 
@@ -27,6 +27,7 @@ __all__ = ["Talk"]
 
 _WAIT_S: Final = 0.02
 _LINK_ID: Final = 0
+_HEARTBEAT: Final[int] = mavlink.MAVLINK_MSG_ID_HEARTBEAT
 
 
 class Talk:
@@ -50,6 +51,8 @@ class Talk:
         self.device = device
         #: number of frames by system id
         self.heard: Counter[int] = Counter()
+        #: heartbeats of others than `other`: system and component, with their MAV_TYPE
+        self.beats: dict[tuple[int, int], int] = {}
         #: invalid signatures of the other end
         self.bad: Counter[SignatureVerdict] = Counter()
         self._other = other
@@ -105,6 +108,8 @@ class Talk:
         self.heard[frame.sysid] += 1
         sysid, compid = self._other
         if frame.sysid != sysid or compid not in (0, frame.compid):
+            if frame.msgid == _HEARTBEAT and frame.known and frame.compid != DOCTOR_COMPID:
+                self.beats[frame.sysid, frame.compid] = field_int(frame, "type")
             return
         if self.peer is not None:
             verdict = self.peer.check(frame, self._clocks.utc(), self._clocks.monotonic())
