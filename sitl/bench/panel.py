@@ -246,7 +246,12 @@ class Station(fleet.Bench):
         self.vehicles[0].autopilot.on_frame = self._saw
         self.loop.every(0.005, self._look)
         self.processes["station"].type(f"set heartbeat {_HEARTBEATS}")
-        self.loop.run(3.0)
+        self.wait(self._steady, "the station sends its heartbeats", _BEGIN_S)
+
+    def _steady(self) -> bool:
+        """Whether more than half of the heartbeats come."""
+        now = time.monotonic()
+        return sum(now - at < 2.0 for at in self.frames[-4 * _HEARTBEATS :]) > _HEARTBEATS
 
     def _look(self) -> None:
         now = time.monotonic()

@@ -2,7 +2,7 @@
 
 """Pictures of the panel in its states, to be looked at by a person.
 
-`python -m tests.gcs.panel_pictures FOLDER [--size 1400x900] [--scheme light] [STATE ...]`; needs the extra `browser`
+`python -m tests.gcs.panel_pictures FOLDER [STATE ...] [--size 1400x900] [--scheme light]`; needs the extra `browser`
 and Chromium.
 """
 

@@ -341,6 +341,20 @@ def test_a_panel_that_dies_is_said_by_the_browser_itself(bench: Bench) -> None:
     assert page.locator(".hp-band button").count() == 0
 
 
+def test_a_page_whose_connection_never_comes_says_so(bench: Bench) -> None:
+    bench.open()
+    context = bench._browser.new_context()
+    context.add_cookies(bench._cookies)
+    context.route("**/_nicegui_ws/**", lambda route: route.abort())
+    context.route_web_socket("**/_nicegui_ws/**", lambda _socket: None)
+    page = context.new_page()
+    page.goto(bench.link.partition("?")[0])
+    page.wait_for_selector(".hp-who strong", timeout=60_000)
+    assert page.inner_text(".hp-who strong") == "NOT KNOWN"
+    assert page.locator(".hp-band button").count() == 0
+    context.close()
+
+
 def test_what_comes_from_outside_is_text_and_no_page(bench: Bench) -> None:
     (craft,) = bench.fake.snapshot.aircraft
     evil = "<img src=x onerror=\"document.title='evil'\">"

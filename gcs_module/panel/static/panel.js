@@ -11,7 +11,7 @@ window.handoverPanel = (() => {
   const KEYS = { a: "accept", d: "deny" };
   const TWICE = ["release", "return", "start", "sign_off"];
   const state = { part: {}, at: performance.now(), cut: false, band: null, open: "", openAt: 0, born: {}, reply: null,
-    asked: false, field: null, shift: "", shiftAt: 0, sound: "", muted: false, audio: null, rung: 0, hold: null, rows: {} };
+    attached: false, asked: false, field: null, shift: "", shiftAt: 0, sound: "", muted: false, audio: null, rung: 0, hold: null, rows: {} };
 
   function made(tag, name, words) {
     const element = document.createElement(tag);
@@ -210,7 +210,7 @@ window.handoverPanel = (() => {
 
   function drawRows() {
     const place = document.querySelector(".hp-rows");
-    const wanted = (state.part.rows || []).map(drawRow);
+    const wanted = state.part.band ? (state.part.rows || []).map(drawRow) : [];
     const same = wanted.length === place.childElementCount && wanted.every((each, index) => place.children[index] === each);
     if (!same) place.replaceChildren(...wanted);
   }
@@ -398,6 +398,7 @@ window.handoverPanel = (() => {
   // ---- time -------------------------------------------------------------------------------------------------------
 
   function tick() {
+    if (!document.querySelector(".hp-band")) return; // the page is being built
     const now = performance.now();
     if (!state.cut && now - state.at > SILENT) { state.cut = true; release(); draw(); }
     if (state.open && now - state.openAt > SURE) { state.open = ""; draw(); }
@@ -410,12 +411,16 @@ window.handoverPanel = (() => {
     ring();
   }
 
+  // It begins with the document: a page whose connection never comes must say so, and not stay empty.
   function attach() {
+    if (state.attached) return;
+    state.attached = true;
     document.addEventListener("keydown", hold);
     document.addEventListener("keyup", release);
     window.addEventListener("blur", () => release());
     setInterval(tick, 200);
   }
 
+  document.addEventListener("DOMContentLoaded", attach);
   return { attach, show };
 })();
