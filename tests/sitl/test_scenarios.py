@@ -52,7 +52,8 @@ def test_every_scenario_that_ships_can_be_used(name: str) -> None:
     assert scenario.name == name
     named = {process for step in with_opening(scenario, package).steps for process in step.deed.processes()}
     programs = {*map(program_of, scenario.served), *map(panel_of, scenario.panel)}
-    assert named <= stations | {"companion", *scenario.fleet, *programs, *(["rogue"] if scenario.rogue else [])}
+    programs |= {name for name, there in (("rogue", scenario.rogue), ("onboard", scenario.onboard)) if there}
+    assert named <= stations | {"companion", *scenario.fleet, *programs}
     assert {
         *scenario.served,
         *scenario.panel,
