@@ -31,6 +31,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import Final
 
 from mavproxy_handover.mission.flown_line import (
@@ -146,11 +147,13 @@ class Path:
         return next((turn for turn in self.turns if turn.begins_m <= along_m <= turn.ends_m), None)
 
 
+@lru_cache(maxsize=8)
 def path_of(route: Route, air: Air, *, sideslip: bool = True, about: float = 1.0) -> Path:
     """The path of a route of an aircraft with wings. `air`: the airspeed until an item changes it, and the wind.
 
     `sideslip`: its turns have the sideslip of [wings]. Else they have none and are as narrow as the bank allows, and it
     climbs as fast as ArduPlane allows. `about`: the side to which it turns about, 1.0 to the right, -1.0 to the left.
+    A check asks for the same path several times: the last ones are kept.
     """
     if sideslip:
         return _Tracer(route, air, route.wings.turn_part, about, WING_CLIMB_MPS).path()
