@@ -47,6 +47,7 @@ NOT_IN_STANDARD: Final[Mapping[str, str]] = {
     "give": "'handover release' gives control up, or the other station requests it.",
     "override": "The limits of energy, fence and coverage belong to our companion.",
     "delegate": "Delegation to onboard programs needs our companion.",
+    "payload": "Payload authority needs our companion.",
     "rehearse": "A rehearsal needs our companion.",
     "share": "The vehicle takes no mission package.",
     "telemetry": "MAVProxy's own displays show the vehicle's values.",
