@@ -390,10 +390,10 @@ def test_no_word_shows_the_usage(station: StationBench, typed: str) -> None:
     station.load()
     lines = station.mpstate.type(f"handover{typed}")
     words = "status|share|rehearse|start|stop|continue|request|release|resume|return|ack|telemetry|briefing|accept"
-    words += "|deny|connect|disconnect|give|override|delegate|take|operator|set"
+    words += "|deny|connect|disconnect|give|override|delegate|payload|take|operator|set"
     assert lines[0] == f"usage: handover <{words}>"
     assert lines[-1] == "  set       NAME VALUE: telemetry = 10.0, request_timeout = 30.0, mavproxy_lines = 0"
-    assert len(lines) == 26
+    assert len(lines) == 27
 
 
 @pytest.mark.parametrize("words", ["foo", "start now", "share all", "Status", "accept maybe", "\x07", "x " * 200])
@@ -413,6 +413,7 @@ def test_completion_offers_words_and_settings(station: StationBench) -> None:
         "give <GCSB>",
         "override <energy|fence|coverage>",
         "delegate <no>",
+        "payload <request|release>",
         "rehearse <end|report>",
         "connect <no>",
         "take",
