@@ -103,7 +103,10 @@ def assemble(
     leases = LeaseSequence(nonce, key)
     guard_link = GuardLink(config.sysid, key, leases)
     guard = Guard(config.sysid, state, leases, guard_link, reports, clocks.monotonic)
-    preflight = Preflight(config.sysid, state, config.limits, conversations, reports.event_log.preflight, config.energy)
+    sensors = frozenset(sensor for program in config.onboard for sensor in program.rights.sensors)
+    preflight = Preflight(
+        config.sysid, state, config.limits, conversations, reports.event_log.preflight, config.energy, sensors
+    )
     streams = Streams(context.procedures, reports.message_sender.ask_rates)
     telemetry = Telemetry(state, authority.arbiter.zones, reports, clocks.utc, config.limits.position_stale_s)
     read_back = ReadBack(conversations, context.procedures)

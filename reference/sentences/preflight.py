@@ -86,6 +86,16 @@ _GUARD_LACKS: Final = (
 
 _FINDINGS: Final = (
     _warn(
+        "{name} of an onboard program is not used: {parameter} is {number}",
+        "The vehicle's file lets a program send this sensor message, and the autopilot ignores it.",
+        "Set the parameter if the sensor is meant, or remove the message from [[onboard]].",
+    ),
+    _warn(
+        "{name} of an onboard program moves {autopilot}",
+        "The autopilot flies by this message of an onboard program. The parameters say where.",
+        "Check the sensor on the ground before each flight.",
+    ),
+    _warn(
         "scripting is off: the guard does not run", "No guard protects the flight.", "Set SCR_ENABLE to 1, and reboot."
     ),
     _warn(

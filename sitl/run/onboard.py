@@ -56,7 +56,7 @@ def message_of(name: str, vehicle: int, values: Sequence[str]) -> Any:
     if kind is None:
         raise ValueError(f"no message {name!r}")
     fields: dict[str, Any] = {}
-    for field, length in zip(kind.fieldnames, kind.array_lengths, strict=True):
+    for field, length in zip(kind.ordered_fieldnames, kind.array_lengths, strict=True):
         fields[field] = [0] * length if length else 0
     for field, own in (("target_system", vehicle), ("target_component", _AUTOPILOT)):
         if field in fields:

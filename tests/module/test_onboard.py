@@ -309,3 +309,14 @@ def test_a_station_asks_for_the_payload_and_flies_nothing_by_it(bench: Bench, de
     bench.wait(0.5)
     assert "GCSA has payload authority" in bench.b.texts()
     assert bench.companion.view.commander == 251
+
+
+def test_preflight_says_which_sensors_the_autopilot_uses(bench: Bench, program: Program) -> None:
+    configure(bench, program, '["sensors"]', 'sensors = ["LANDING_TARGET", "ODOMETRY"]')
+    bench.autopilot.parameters.update({"PLND_ENABLED": 1.0, "PLND_TYPE": 1.0, "VISO_TYPE": 0.0})
+    bench.connect()
+    bench.until(lambda: bench.companion.autopilot.preflight.findings is not None, 60.0)
+    texts = [finding.text for finding in bench.companion.autopilot.preflight.findings]
+    used = "LANDING_TARGET of an onboard program moves the place of the landing (PLND_ENABLED, PLND_TYPE)"
+    assert used in texts
+    assert "ODOMETRY of an onboard program is not used: VISO_TYPE is 0" in texts

@@ -15,6 +15,7 @@ from typing import Final
 from mavproxy_handover.core.common.limits import Limits
 from mavproxy_handover.core.common.model import GuardState
 from mavproxy_handover.core.safety.energy_prior import EnergySettings
+from mavproxy_handover.monitors.preflight.onboard_sensors import SENSOR_PARAMETERS, sensor_findings
 from mavproxy_handover.monitors.preflight.own_failsafes import PlanFacts
 from mavproxy_handover.monitors.preflight.rules import KNOWN, Finding, Found, judge, names_of
 from mavproxy_handover.vehicle.parameter_reading import reading
@@ -52,8 +53,11 @@ class Preflight:
         conversations: Conversations,
         report: Callable[[str, str, bool], None],
         energy: EnergySettings = _UNSAID,
+        sensors: frozenset[str] = frozenset(),
     ) -> None:
-        """`energy`: the vehicle's own settings, with the number of batteries if the mission does not set it."""
+        """`energy`: the vehicle's own settings, with the number of batteries if the mission does not set it. `sensors`:
+        the sensor messages that onboard programs may send."""
+        self._sensors = sensors
         self._sysid = sysid
         self._aircraft = aircraft
         self._limits = limits
@@ -121,9 +125,12 @@ class Preflight:
             parameters = {name: values[name] for name in KNOWN if name in values}
             told = aircraft.foreign, self._heard_on, self._plan, self._gap_s, aircraft.profile, batteries
             found = Found(parameters, guard, firmware, *told, aircraft.home_alt_m, self._misfit)
-            self._conclude(judge(found, self._limits), now)
+            used = tuple(Finding("", text) for text in sensor_findings(values, self._sensors) if parameters)
+            self._conclude((*judge(found, self._limits), *used), now)
 
-        self._conversations.begin("preflight", reading(self._sysid, names_of(aircraft.profile, batteries)), done, now)
+        names = names_of(aircraft.profile, batteries)
+        names += tuple(name for name in SENSOR_PARAMETERS if self._sensors and name not in names)
+        self._conversations.begin("preflight", reading(self._sysid, names), done, now)
 
     def _conclude(self, findings: tuple[Finding, ...], now: float) -> None:
         before, self.findings = self.findings, findings

@@ -1,0 +1,56 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""Which sensor messages of onboard programs the autopilot uses, by its parameters.
+
+A message that it uses is a finding, because it moves estimate, landing or avoidance. One that it does not use is a
+finding too: the program was set up for nothing.
+
+Sources: ArduPilot's AC_PrecLand, AP_Proximity, AP_RangeFinder, AP_OpticalFlow, AP_GPS, AP_VisualOdom, AP_NavEKF_Source.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from typing import Final
+
+from mavproxy_handover.gate.policy.onboard import SENSORS
+
+__all__ = ["SENSOR_PARAMETERS", "sensor_findings"]
+
+_SETS: Final = (1, 2, 3)
+_EXTERNAL, _FLOW = 6, 5
+_AXES: Final = ("POSXY", "VELXY", "POSZ", "VELZ", "YAW")
+_VISION: Final = tuple((f"EK3_SRC{n}_{axis}", _EXTERNAL) for n in _SETS for axis in _AXES)
+_FLOWS: Final = tuple((f"EK3_SRC{n}_VELXY", _FLOW) for n in _SETS)
+_RANGES: Final = (("PRX1_TYPE", 2), ("RNGFND1_TYPE", 10))
+#: message -> parameters of which all of the first and one of the second must have this value
+_USES: Final[Mapping[str, tuple[tuple[tuple[str, int], ...], tuple[tuple[str, int], ...]]]] = {
+    "LANDING_TARGET": ((("PLND_ENABLED", 1), ("PLND_TYPE", 1)), ()),
+    "OBSTACLE_DISTANCE": ((("PRX1_TYPE", 2),), ()),
+    "OBSTACLE_DISTANCE_3D": ((("PRX1_TYPE", 2),), ()),
+    "DISTANCE_SENSOR": ((), _RANGES),
+    "OPTICAL_FLOW": ((("FLOW_TYPE", 5),), _FLOWS),
+    "GPS_INPUT": ((), (("GPS1_TYPE", 14), ("GPS_TYPE", 14), ("GPS2_TYPE", 14))),
+}
+_OF_VISION: Final = ((("VISO_TYPE", 1),), _VISION)
+
+#: all parameters that are read for that
+SENSOR_PARAMETERS: Final = tuple(
+    dict.fromkeys(name for every, one in (*_USES.values(), _OF_VISION) for name, _value in (*every, *one))
+)
+
+
+def sensor_findings(parameters: Mapping[str, float], sensors: Iterable[str]) -> tuple[str, ...]:
+    """A finding for each of these sensor messages, in words. `parameters`: those that the autopilot has."""
+    return tuple(_finding(parameters, sensor) for sensor in sorted(sensors))
+
+
+def _finding(parameters: Mapping[str, float], sensor: str) -> str:
+    every, one = _USES.get(sensor, _OF_VISION)
+    lacks = [name for name, value in every if parameters.get(name) != value]
+    uses = [name for name, value in one if parameters.get(name) == value]
+    if lacks or (one and not uses):
+        names = lacks or [name for name, _value in one if name in parameters] or [one[0][0]]
+        return f"{sensor} of an onboard program is not used: {names[0]} is {parameters.get(names[0], 0):g}"
+    by = ", ".join(uses or [name for name, _value in every])
+    return f"{sensor} of an onboard program moves {SENSORS[sensor].moves.value} ({by})"
