@@ -60,7 +60,7 @@ POSITION: Final = KeyTable(
             "box",
             "where the box is, tcp:HOST:PORT; with source autopilot it only checks; needed with source box",
             "",
-            example="tcp:192.168.2.30:4001",
+            example="tcp:192.0.2.30:4001",
         ),
         text(
             "layout",

@@ -10,7 +10,7 @@
     serial:/dev/ttyX:BAUD    serial line, too
 
 HOST is a name, an IPv4 address or an IPv6 address in brackets: `udpin:[::]:14550`, `udpout:[fe80::1%wlan0]:14550`. WAY
-is an interface or an IPv4 address: `udpout:10.1.0.9:14550@wwan0`. Without BAUD a serial line runs at 57600, as in
+is an interface or an IPv4 address: `udpout:198.51.100.9:14550@wwan0`. Without BAUD a serial line runs at 57600, as in
 MAVProxy.
 """
 

@@ -92,7 +92,7 @@ out_of_coverage = "land"
 
 [position]
 source = "box"
-box = "tcp:192.168.2.30:4001"
+box = "tcp:192.0.2.30:4001"
 check = "armed"
 apart_m = 40
 """
@@ -153,7 +153,7 @@ def test_everything_a_vehicle_can_say(file: Path) -> None:
     assert (a.limits, b.limits) == (links, links)
     assert loaded.observers == ObserverLimits(message_hz=2.0, bytes_per_s=1000.0, silence_s=60.0)
     assert loaded.route == RouteLimits(off_route_m=12.0, off_heading_deg=45.0, off_hold_s=1.5, off_clear_s=4.0)
-    assert loaded.position == PositionSettings("box", "tcp:192.168.2.30:4001", "armed", apart_m=40.0)
+    assert loaded.position == PositionSettings("box", "tcp:192.0.2.30:4001", "armed", apart_m=40.0)
 
 
 def test_the_least_a_vehicle_must_say(file: Path) -> None:
@@ -287,7 +287,7 @@ def test_the_vehicles_sample_with_every_key_in_force_is_sound_and_has_the_defaul
     assert loaded.observers == ObserverLimits()
     assert loaded.route == RouteLimits()
     assert loaded.commands == {}
-    assert loaded.position == PositionSettings(box="tcp:192.168.2.30:4001")
+    assert loaded.position == PositionSettings(box="tcp:192.0.2.30:4001")
     assert loaded.energy.battery_wh == 41.0
 
 
@@ -368,12 +368,12 @@ VEHICLE_MISTAKES: dict[str, tuple[str, str, str]] = {
         "[position] source: 'gps' must be one of autopilot, box",
     ),
     "a box that is nowhere": (
-        'box = "tcp:192.168.2.30:4001"\n',
+        'box = "tcp:192.0.2.30:4001"\n',
         "",
         "[position] box: is missing: where is the box? It must be tcp:HOST:PORT",
     ),
     "a box that is no TCP server": (
-        "tcp:192.168.2.30:4001",
+        "tcp:192.0.2.30:4001",
         "udpin:0.0.0.0:4001",
         "[position] box: 'udpin:0.0.0.0:4001' must be tcp:HOST:PORT: the box is a TCP server",
     ),
