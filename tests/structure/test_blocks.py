@@ -42,7 +42,7 @@ SHOWN = ("text", "c", "python", "ini", "bash")
 #: first words of shell lines that are not ours: what the line is taken to be right for
 OTHERS = {
     **dict.fromkeys(
-        ("cd", "cp", ".", "editor", "git", "install", "systemctl", "apt", "cat", "chmod", "ip", "sh"),
+        ("cd", "cp", ".", "editor", "git", "install", "ln", "systemctl", "apt", "cat", "chmod", "ip", "sh"),
         "the machine's own",
     ),
     "wg": "WireGuard's: typed in tests/sitl/test_encryption_page.py",
