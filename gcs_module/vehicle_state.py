@@ -36,6 +36,10 @@ class VehicleState:
         self.zone: int | None = None
         #: name, latitude and longitude (degrees) of the return site, by the vehicle's last status
         self.return_site: tuple[str, float, float] | None = None
+        #: time (s) that a return takes until the aircraft is on the ground, and the part of the battery that it needs,
+        #: by the vehicle's last status; None: not known
+        self.return_takes_s: float | None = None
+        self.return_needs: float | None = None
         #: when the vehicle last said who commands it, and when its commander's zone ends; inf: no end is in sight
         self.authority_at, self.zone_ends_at = -inf, inf
         #: the vehicle flies another mission than that of its package
@@ -58,6 +62,8 @@ class VehicleState:
         self.zone, self.authority_at = m.zone or None, now
         self.zone_ends_at = now + m.zone_ends - 1.0 if m.zone_ends else inf
         self.return_site = place_of(m)
+        self.return_takes_s = m.place_in - 1.0 if m.place_in else None
+        self.return_needs = (m.place_needs - 1) / 100.0 if m.place_needs else None
         return AuthorityHeard(
             phase=Phase(m.phase) if m.phase in list(Phase) else Phase.EMERGENCY,
             commander=m.commander or None,

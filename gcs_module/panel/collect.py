@@ -148,7 +148,9 @@ class Collector:
             battery_percent=values.battery_percent,
             battery_v=values.battery_v,
             battery_left_s=values.battery_left_s,
-            return_site=None if state.return_site is None else ReturnSite(*state.return_site),
+            return_site=None
+            if state.return_site is None
+            else ReturnSite(*state.return_site, state.return_takes_s, state.return_needs),
             rerouted=state.rerouted,
             mission="" if flown is None else flown.digest.hex(),
             overrides=tuple((limit, until) for limit, until in craft.commands.overrides.items() if until > now),

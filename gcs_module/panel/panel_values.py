@@ -246,6 +246,8 @@ def _values(craft: AircraftSeen | None, known: Known) -> Iterator[dict[str, Any]
         ("battery lasts", _minutes(craft.battery_left_s), "{:.0f} min"),
         ("zone", _said(craft.zone or "no zone", heard), "{}"),
         ("a return goes to", _said(None if site is None else f"{site.name}{far}", _older(heard, place, far)), "{}"),
+        ("a return takes", _said(None if site is None else _takes(site.takes_s), heard), "{}"),
+        ("a return needs", _said(None if site is None else _needs(site.needs), heard), "{}"),
         ("phase", _said(_PHASES.get(craft.phase, craft.phase), heard), "{}"),
     )
     for label, stamped, form in rows:
@@ -267,6 +269,17 @@ _PHASES: Final = {
 
 def _said(value: str | None, at: float | None) -> Stamped | None:
     return None if value is None or at is None else Stamped(value, at)
+
+
+def _takes(takes_s: float | None) -> str | None:
+    """The time until the aircraft is on the ground at the return site."""
+    if takes_s is None:
+        return None
+    return f"{takes_s:.0f} s to land" if takes_s < 120.0 else f"{takes_s / 60.0:.0f} min to land"
+
+
+def _needs(part: float | None) -> str | None:
+    return None if part is None else f"{100.0 * part:.0f} % of the battery"
 
 
 def _older(at: float | None, place: Stamped | None, far: str) -> float | None:

@@ -101,11 +101,17 @@ class LinkSeen:
 
 @dataclass(frozen=True, slots=True)
 class ReturnSite:
-    """The place a return goes to, in degrees."""
+    """The place a return goes to, in degrees.
+
+    `takes_s`: time (s) until the aircraft is on the ground there; `needs`: the part of the battery that the way needs,
+    climb and landing included. None: the vehicle does not know it.
+    """
 
     name: str
     lat_deg: float
     lon_deg: float
+    takes_s: float | None = None
+    needs: float | None = None
 
 
 @dataclass(frozen=True, slots=True)

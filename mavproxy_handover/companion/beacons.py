@@ -61,6 +61,7 @@ class Beacons:
             zone_ends_s=arbiter.zone_ends_s,
             answer_left_s=arbiter.answer_left_s(now),
             place=autopilot.return_site.where,
+            way=autopilot.return_site.way,
         )
         self._message_sender.to_stations(told)
 

@@ -33,6 +33,8 @@ _LEASE_TTL_MS = 3000
 _MOST_S = 0xFFFF
 #: largest value of a field of 8 bits
 _MOST_LEFT_S = 0xFF
+#: a return takes less than this (s), and needs less than this part of the battery; else the status has no figure
+_LONGEST_WAY_S, _MOST_NEEDED = 0xFFFE, 2.5
 #: bytes of texts: a return site's name (here and in HANDOVER_DECISION), that message's figures and text, and a line of
 #: HANDOVER_BRIEFING and HANDOVER_REHEARSAL
 _PLACE_BYTES, _FIGURES_BYTES, _TEXT_BYTES, _LINE_BYTES = 20, 60, 160, 120
@@ -105,14 +107,17 @@ def authority_status(
     zone_ends_s: float = inf,
     answer_left_s: float = inf,
     place: tuple[str, float, float] | None = None,
+    way: tuple[float, float | None] | None = None,
 ) -> Any:
     """AUTHORITY_STATUS of this dialect.
 
     `route_changed`: the flown mission is not that of the package any more. `zone_ends_s`: time until the commander's
     zone ends on the known route (s), inf: no end in sight. `answer_left_s`: time left for an operator to answer, inf:
     no question is open. `place`: name, latitude and longitude (degrees) of the return site, None: there is none yet.
+    `way`: time (s) and part of the battery that a return from here needs, None: not known.
     """
     name, lat_deg, lon_deg = place or ("", 0.0, 0.0)
+    takes_s, needs = way or (inf, None)
     return mavlink.MAVLink_authority_status_message(
         view.phase,
         view.commander or 0,
@@ -132,6 +137,8 @@ def authority_status(
         round(lon_deg * 1e7),
         _cut(name, _PLACE_BYTES),
         int(view.rehearsal),
+        1 + ceil(takes_s) if 0.0 <= takes_s < _LONGEST_WAY_S else 0,
+        1 + round(100.0 * needs) if needs is not None and 0.0 <= needs < _MOST_NEEDED else 0,
     )
 
 

@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 
 from gcs_module.panel.panel_values import Known, colours_of, marks_of, page_of
-from gcs_module.panel.snapshot import LineSeen, LinkSeen, PeerSeen, Stamped, StationSeen
+from gcs_module.panel.snapshot import LineSeen, LinkSeen, PeerSeen, ReturnSite, Stamped, StationSeen
 from tests.gcs.panel_states import GIVE, LOST, NOW, RETURNS, TAKE, craft, station
 
 COLOURS = {"GCSA": "#0072B2", "GCSB": "#D55E00"}
@@ -101,6 +101,22 @@ def test_several_aircraft_have_a_row_each_the_most_urgent_first() -> None:
     later = sections(fleet, 5.0)["rows"]
     assert [(row["words"], row["dead"]) for row in later] == [("NOT KNOWN", True)] * 2
     assert sections(station())["rows"] == []
+
+
+@pytest.mark.parametrize(
+    ("takes_s", "needs", "told"),
+    [
+        (95.0, 0.12, {"a return takes": "95 s to land", "a return needs": "12 % of the battery"}),
+        (190.0, 1.3, {"a return takes": "3 min to land", "a return needs": "130 % of the battery"}),
+        (None, None, {}),
+    ],
+)
+def test_time_and_energy_of_a_return(takes_s: float | None, needs: float | None, told: dict[str, str]) -> None:
+    site = ReturnSite("home", 52.679, 5.924, takes_s, needs)
+    rows = {row["label"]: row["text"] for row in sections(station(craft(return_site=site)))["values"]}
+    assert {label: text for label, text in rows.items() if label in ("a return takes", "a return needs")} == told
+    gone = {row["label"]: row["text"] for row in sections(station(craft(return_site=site)), 11.0)["values"]}
+    assert all(gone[label] == "" for label in told), "after 10 s without news"
 
 
 def test_alarms_that_stand_come_first_with_cause_and_remedy() -> None:

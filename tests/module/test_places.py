@@ -93,11 +93,14 @@ def test_every_station_hears_twice_a_second_where_a_return_goes(ready: Bench) ->
     for station in (ready.a, ready.b):
         heard = station.got("AUTHORITY_STATUS")[-1]
         assert (heard.place, heard.place_lat, heard.place_lon) == ("home", *HOME)
+        assert heard.place_needs == 1 + 3, "as 'handover status' says"
     ready.a.command(START)
     ready.until(lambda: ready.companion.view.phase is Phase.ON_MISSION)
     fly_to(ready, IN_B, 40.0)
     heard = ready.b.got("AUTHORITY_STATUS")[-1]
     assert (heard.place, heard.place_lat, heard.place_lon) == ("rally 2", *RALLY_2)
+    assert 20 < heard.place_in < 200
+    assert 1 < heard.place_needs < 40
 
 
 def test_without_a_mission_nobody_touches_it(bench: Bench) -> None:

@@ -129,6 +129,25 @@ def test_authority_status_says_where_a_return_goes() -> None:
     assert (m.place, m.place_lat, m.place_lon) == ("", 0, 0)
 
 
+@pytest.mark.parametrize(
+    ("way", "said"),
+    [
+        (None, (0, 0)),
+        ((94.2, 0.113), (96, 12)),
+        ((0.0, 0.0), (1, 1)),
+        ((math.inf, 0.1), (0, 11)),
+        ((70_000.0, 9.0), (0, 0)),
+        ((math.nan, math.nan), (0, 0)),
+        ((30.0, None), (31, 0)),
+    ],
+)
+def test_authority_status_says_what_a_return_takes(
+    way: tuple[float, float | None] | None, said: tuple[int, int]
+) -> None:
+    m = status.authority_status(VIEW, 252, GuardState.LIVE, Reason.ZONE, way=way)
+    assert (m.place_in, m.place_needs) == said
+
+
 def test_control_status_speaks_for_the_system_and_names_the_commander_alone() -> None:
     m = status.control_status(VIEW)
     assert (m.flags, m.gcs_main, list(m.gcs_secondary)) == (1, 251, [0] * 10)

@@ -110,6 +110,15 @@ class ReturnSite:
         return None if place is None else (place.name, place.lat_deg, place.lon_deg)
 
     @property
+    def way(self) -> tuple[float, float | None] | None:
+        """Time (s) until the aircraft is on the ground at the site of `where`, and the part of the battery that it
+        needs for it, None: not known. None: nothing is known of the way."""
+        choice, where = self.choice, self.where
+        if choice is None or where is None or choice.place.name != where[0]:
+            return None
+        return choice.place.time_s, choice.place.needs
+
+    @property
     def _elsewhere(self) -> bool:
         """The chosen site could not be written: a return may go to another one."""
         return self._rally_writer.failing and not self._rally_writer.settled
