@@ -49,7 +49,7 @@ def assemble_onboard(
 
     def target_passes(aim: Aim, name: str, now: float) -> bool:
         commander = in_force.view.commander
-        return commander is not None and autopilot.command_check.target(aim, commander, now, f"target of {name}")
+        return commander is not None and autopilot.command_check.target(aim, commander, now, name)
 
     matters = OnboardMatters(
         delegating.permits, target_passes, lambda name: payload.holder == name, lambda: autopilot.aircraft.judged_by

@@ -7,7 +7,8 @@ passes the filters that see it, in the order of the table in `Filters`: a filter
 messages of them, and perhaps only those of the station with authority, or of the others. A filter gets the verdict of
 the ones before it. The verdict of the last one is final. The order of the table is the rule:
 
-0. Payload authority comes first, because it may be another station's than flight authority.
+0. Payload authority comes first, because it may be another station's than flight authority. What such a station sends
+   has a limit, because the lease travels on the same line to the autopilot.
 1. Streams that ran before their station had authority come next: they stay refused, whatever else refuses them.
 2. Sticks come before targets, and targets that a filter has dropped cost no check of the situation.
 3. The check of commands in flight comes before the commands that the companion carries out: a command that leaves
@@ -35,6 +36,7 @@ from mavproxy_handover.gate.passed import PassedFrames
 from mavproxy_handover.gate.policy.access import Access
 from mavproxy_handover.gate.policy.payload import PAYLOAD_MESSAGES, is_payload
 from mavproxy_handover.gate.questions import ASKED
+from mavproxy_handover.gate.rate_limit import RateLimit
 from mavproxy_handover.gate.stale_streams import STICKS, releases
 from mavproxy_handover.gate.targets import TargetStreams
 from mavproxy_handover.vehicle.profiles import Modes
@@ -61,6 +63,8 @@ _OF_PAYLOAD: Final = message_ids(*PAYLOAD_MESSAGES) | COMMAND_MESSAGES
 #: streams that lead the aircraft
 _LEADS: Final = STICKS | TARGET_MESSAGES | {mavlink.MAVLINK_MSG_ID_SET_ATTITUDE_TARGET}
 _FILES: Final = frozenset((mavlink.MAVLINK_MSG_ID_FILE_TRANSFER_PROTOCOL,))
+#: bytes a second, and at once, of payload frames of a station that has no flight authority: a stream at 50 Hz
+_PAYLOAD_BYTES_PER_S: Final = 3000.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -114,6 +118,7 @@ class Filters:
         self._passed = passed
         self._matters = matters
         self._targets = TargetStreams(matters.target_passes)
+        self._payload_room = RateLimit(_PAYLOAD_BYTES_PER_S, _PAYLOAD_BYTES_PER_S)
         stale = passed.stale_streams.limit
         self.table: tuple[Filter, ...] = (
             Filter("payload commands without payload authority", _PAYLOADS, self._payload, _OF_PAYLOAD),
@@ -196,15 +201,17 @@ class Filters:
             return verdict._replace(fate=Fate.REFUSE, reason=GateReason.LOG_BUSY)
         return verdict
 
-    def _payload(self, frame: Frame, verdict: Verdict, station: int, _now: float) -> Verdict:
+    def _payload(self, frame: Frame, verdict: Verdict, station: int, now: float) -> Verdict:
         if not is_payload(frame):
             return verdict
         holds = station == self._matters.payload()
+        refused = Fate.DROP if verdict.access is Access.STREAM else Fate.REFUSE
         if holds and verdict.reason is GateReason.NOT_IN_CONTROL:
+            if not self._payload_room.allow(now, len(frame.raw)):
+                return verdict._replace(fate=refused, reason=GateReason.TOO_OFTEN)
             return verdict._replace(fate=Fate.FORWARD, reason=GateReason.ALLOWED)
         if not holds and verdict.fate is _FORWARD:
-            fate = Fate.DROP if verdict.access is Access.STREAM else Fate.REFUSE
-            return verdict._replace(fate=fate, reason=GateReason.NOT_PAYLOADS)
+            return verdict._replace(fate=refused, reason=GateReason.NOT_PAYLOADS)
         return verdict
 
     def _ends(self, frame: Frame, verdict: Verdict, _station: int, now: float) -> Verdict:

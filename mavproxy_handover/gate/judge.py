@@ -107,7 +107,7 @@ class GateReason(Enum):
     SITUATION = "it would leave energy, fence or coverage"  #: in flight, or it cannot be judged now
     NO_RIGHT = "not in the rights of this onboard program"  #: `[[onboard]]` (`onboard`)
     NOT_DELEGATED = "no guided targets are delegated to this onboard program"
-    TOO_OFTEN = "more than its limit"  #: of an onboard program: messages or bytes a second
+    TOO_OFTEN = "more than its limit"  #: of an onboard program, or of a station that has only the payload
     NOT_PAYLOADS = "another has payload authority"  #: `[payload]` (`core/authority/payload.py`)
 
     #: as in `Access`

@@ -85,3 +85,20 @@ def test_another_system_in_its_name_gets_no_payload(make: Callable[..., Frame]) 
     assert gate.up(B, frame).verdict.fate is Fate.DROP
     camera = make("COMMAND_LONG", sysid=GCSB, compid=100, command=GIMBAL)
     assert gate.up(B, camera).verdict.reason is GateReason.COMPONENT
+
+
+def test_a_station_with_the_payload_alone_does_not_fill_the_line_of_the_lease(make: Callable[..., Frame]) -> None:
+    gate = Door(step_s=0.001)
+    gate.change(FLYING)
+    gate.payload = GCSB
+    stream = make("GIMBAL_MANAGER_SET_PITCHYAW", sysid=GCSB)
+    command = make("COMMAND_LONG", sysid=GCSB, command=GIMBAL)
+    came = [gate.up(B, frame) for _ in range(1000) for frame in (stream, command)]
+    passed = sum(len(raw) for each in came for raw in each.passed)
+    assert passed <= 3000 * 3, "the rate of two seconds, and the reserve"
+    late = {each.verdict[:3:2] for each in came[-2:]}
+    assert late <= {(Fate.DROP, GateReason.TOO_OFTEN), (Fate.REFUSE, GateReason.TOO_OFTEN)}
+    mine = make("COMMAND_LONG", sysid=GCSA, command=mavlink.MAV_CMD_NAV_RETURN_TO_LAUNCH)
+    assert gate.up(A, mine).verdict.fate is Fate.FORWARD
+    gate.now += 1.0
+    assert gate.up(B, stream).verdict.fate is Fate.FORWARD

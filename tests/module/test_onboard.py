@@ -11,9 +11,11 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import handover as mavlink
 
+from mavproxy_handover.gate.intent import Aim
 from mavproxy_handover.mission.package import MissionPackage
+from mavproxy_handover.operator.checks.command_check import MOST
 from tests.module.conftest import Bench
-from tests.module.test_commands_in_flight import OUT_OF_FENCE, take_off
+from tests.module.test_commands_in_flight import OUT_OF_FENCE, fly_to, take_off
 from tests.module.vehicle import GUIDED, HOME, frames
 
 COMPONENT = 195
@@ -276,6 +278,57 @@ def test_only_the_commander_delegates(flown: Bench) -> None:
     assert "DELEGATE precland refused: only the commander delegates" in flown.b.texts()
 
 
+def test_a_late_copy_of_an_earlier_request_begins_no_delegation(flown: Bench, program: Program) -> None:
+    in_guided(flown)
+    assert delegate(flown, nonce=7).accepted == 1
+    stream(flown, program, 1.0)
+    assert delegate(flown, wish=0, nonce=8).accepted == 1
+    in_guided(flown)  # the commander flies itself
+    assert delegate(flown, nonce=7).accepted == 1, "by a slower link: the answer of then"
+    program.target(NEAR)
+    flown.wait(0.3)
+    assert written(flown, "SET_POSITION_TARGET_GLOBAL_INT") == []
+
+
+def test_a_program_does_not_use_up_the_judgements_of_the_commander(flown: Bench, program: Program) -> None:
+    in_guided(flown)
+    check, now = flown.companion.autopilot.command_check, flown.clock.now
+    aims = [Aim(3, HOME[0] + 0.00005 * number, HOME[1], 40.0) for number in range(30)]
+    passed = [check.target(aim, 251, now, "precland") for aim in aims]
+    assert passed.count(True) == MOST
+    fly_to(flown, NEAR)
+    assert len(flown.autopilot.got("COMMAND_INT", 251)) == 1
+
+
+def _break_its_text(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
+    bench.breaks = True
+    (port,) = bench.companion.onboard.ports
+    monkeypatch.setattr(port, "say", lambda *_arguments: 1 / 0)
+
+
+def test_a_fault_at_the_end_costs_no_command_of_the_commander(
+    flown: Bench, program: Program, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    in_guided(flown)
+    assert delegate(flown).accepted == 1
+    stream(flown, program, 1.0)
+    _break_its_text(flown, monkeypatch)
+    flown.a.command(SET_MODE, 1, RTL)
+    flown.wait(1.0)
+    assert flown.autopilot.mode == RTL
+    assert flown.companion.faults == {"delegation": 1}
+
+
+def test_a_fault_at_the_end_costs_no_hold(flown: Bench, program: Program, monkeypatch: pytest.MonkeyPatch) -> None:
+    in_guided(flown)
+    assert delegate(flown).accepted == 1
+    stream(flown, program, 1.0)
+    _break_its_text(flown, monkeypatch)
+    flown.wait(4.0)
+    assert flown.autopilot.mode == BRAKE
+    assert "Hold confirmed: BRAKE" in flown.a.texts()
+
+
 # ---- payload ------------------------------------------------------------------------------------------------------
 
 
@@ -320,3 +373,22 @@ def test_preflight_says_which_sensors_the_autopilot_uses(bench: Bench, program: 
     used = "LANDING_TARGET of an onboard program moves the place of the landing (PLND_ENABLED, PLND_TYPE)"
     assert used in texts
     assert "ODOMETRY of an onboard program is not used: VISO_TYPE is 0" in texts
+
+
+def test_who_asks_for_the_payload_again_and_again_is_not_told_to_all(bench: Bench, delivery: MissionPackage) -> None:
+    bench.config.write_text(bench.config.read_text() + '\n[payload]\ncontrol = "request"\n')
+    take_off(bench, delivery)
+    request, wishes = mavlink.MAV_CMD_REQUEST_OPERATOR_CONTROL, [1, 0] * 50
+    for wish in wishes:
+        bench.b.send(mavlink.MAVLink_command_long_message(1, 154, request, 0, wish, 0, 10, 252, 0, 0, 0))
+        bench.run(0.05)
+    assert bench.a.texts().count("has payload authority") == 4
+    assert len(bench.a.received.got("CONTROL_STATUS")) < 20
+    acks = [ack.result for ack in bench.b.received.got("COMMAND_ACK") if ack.command == request]
+    assert acks.count(mavlink.MAV_RESULT_ACCEPTED) == 4
+    assert acks.count(mavlink.MAV_RESULT_TEMPORARILY_REJECTED) == len(wishes) - 4
+    assert "PAYLOAD refused: too many requests, wait some seconds" in bench.b.texts()
+    bench.wait(10.0)
+    bench.b.send(mavlink.MAVLink_command_long_message(1, 154, request, 0, 1, 0, 10, 252, 0, 0, 0))
+    bench.wait(0.5)
+    assert bench.b.received.got("COMMAND_ACK")[-1].result == mavlink.MAV_RESULT_ACCEPTED

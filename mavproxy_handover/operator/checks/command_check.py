@@ -9,7 +9,8 @@ the aircraft.
 * If an internal fault prevents the judgement of a limit, the limit counts as left. The policy of the limit decides, and
   the operator can lift the refusal like any other. If the rules themselves fail, the command is refused.
 * A judgement takes milliseconds, and a station may send at any rate: `MOST` judgements at once, then `PER_S` a second.
-  Further commands are refused without a judgement.
+  Further commands are refused without a judgement. Targets of onboard programs have a budget of their own, so that no
+  program uses up the commander's.
 * A fixed-wing aircraft circles at its target. The radius is that of DO_REPOSITION, which ArduPlane keeps until it
   leaves GUIDED; else WP_LOITER_RAD, or the mission's. It is never smaller than a turn (`mission/wings.py`).
 * The ceiling of the autopilot's own fence is checked only for wings: a copter refuses such a target itself.
@@ -151,6 +152,7 @@ class CommandCheck:
         #: when the last change of speed passed
         self._sped_at = -inf
         self._judgements = _JudgementBudget()
+        self._of_programs = _JudgementBudget()
         self._entries = RefusalLimiter(1, _ENTRY_S)
         self._stream_entries = RefusalLimiter(1, CAUSE_S)
         self._words = OncePerCause()
@@ -215,11 +217,12 @@ class CommandCheck:
         if self._aircraft.custom_mode != self._aircraft.profile.guided:
             self._kept_radius_m, self._kept_mps, self._kept_aim = 0.0, None, None
 
-    def target(self, aim: Aim, station: int, now: float, word: str = "target") -> bool:
-        """Whether a stream of targets of the commander, or of a program by its delegation, may lead there. `word`: its
-        name."""
+    def target(self, aim: Aim, station: int, now: float, program: str = "") -> bool:
+        """Whether a stream of targets of the commander, or of a program by its delegation, may lead there.
+        `program`: its name."""
         port = self._reports.message_sender.ports[station]
-        passes = self._rule(port, Kind.TARGET, word, _Copy(aim), now, lambda: self._to(aim)).passes
+        word, budget = (f"target of {program}", self._of_programs) if program else ("target", self._judgements)
+        passes = self._rule(port, Kind.TARGET, word, _Copy(aim), now, lambda: self._to(aim), budget=budget).passes
         if passes:
             self._kept_aim = aim
         return passes
@@ -291,12 +294,14 @@ class CommandCheck:
         way: Callable[[], Sequence[Leg]],
         ahead: Ahead | None = None,
         slow: str = "",
+        budget: _JudgementBudget | None = None,
     ) -> Ruling:
-        """Judge a command and tell people. `slow`: why it leaves the energy, if that is known already."""
+        """Judge a command and tell people. `slow`: why it leaves the energy, if that is known already. `budget`: if it
+        is not the commander's."""
         limits = self.rules.looks_at(kind)
         if not limits or (self.here(now) is None and kind is not Kind.UNKNOWN):
             return _NOT_JUDGED
-        if not self._judgements.use_one(now):
+        if not (budget or self._judgements).use_one(now):
             self.rules.came(kind, copy.wish, port.sysid, now)
             return Ruling(Outcome.REFUSED, (), "too many commands at once")
         try:

@@ -8,12 +8,16 @@ ordered, and does what follows at the end, in this order:
 1. A velocity of zero goes to the autopilot, so that no stream goes on. It goes before the command that ended it.
 2. A hold is ordered, and confirmed by the mode; not if a command or a decision leads the aircraft elsewhere.
 3. The commander is told that it is over and why, and then whether the hold is confirmed. The program is told too.
+
+Each step is for itself: a fault in one costs neither the hold nor the command that ended the delegation.
 """
 
 from __future__ import annotations
 
+import traceback
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import partial
 from math import inf
 from typing import Final
 
@@ -28,6 +32,7 @@ from mavproxy_handover.gate.policy.access import Access
 from mavproxy_handover.gate.policy.payload import is_payload
 from mavproxy_handover.operator.base.context import Reports
 from mavproxy_handover.operator.onboard.port import OnboardPort
+from mavproxy_handover.tools.schedule import attempt
 from mavproxy_handover.vehicle import mode_requests
 from mavproxy_handover.vehicle.state import VehicleState
 from mavproxy_handover.wire.frames import Frame
@@ -135,10 +140,19 @@ class Delegating:
             return
         leads = streams and frame.msgid in TARGET_MESSAGES
         if not streams:
-            leads = self._leads(frame, now)
+            leads = self._leads_or_faults(frame, now)
         if self._rules.program:
-            self._parts.give_stand_up()
+            self._attempt(self._parts.give_stand_up)
             self._over(self._rules.commanded(flies=leads), now)
+
+    def _leads_or_faults(self, frame: Frame, now: float) -> bool:
+        """As `_leads`. After a fault a command counts as one that leads: a hold could stop a return."""
+        try:
+            return self._leads(frame, now)
+        except Exception:
+            self._ordered = None
+            self._parts.reports.fault("delegation", traceback.format_exc(limit=-3))
+            return True
 
     def _leads(self, frame: Frame, now: float) -> bool:
         """Whether a command chooses a mode or a place. An order of GUIDED is noted."""
@@ -164,14 +178,18 @@ class Delegating:
         """What follows from the end of the delegation."""
         if over is None:
             return
-        self._stop_stream()
-        reports, commander = self._parts.reports, self._parts.in_force.view.commander
+        log, commander = self._parts.reports.event_log.onboard, self._parts.in_force.view.commander
         text = f"{over.program} no longer leads the aircraft: {over.end.value}"
-        reports.event_log.onboard(over.program, text, end=over.end.name.lower())
-        self._programs[over.program].say(f"targets are no longer delegated to you: {over.end.value}")
-        self._tell(commander, f"{text}. {'A hold is ordered.' if over.holds else ''}".rstrip())
+        to_program = f"targets are no longer delegated to you: {over.end.value}"
+        self._attempt(self._stop_stream)
+        self._attempt(partial(log, over.program, text, end=over.end.name.lower()))
+        self._attempt(self._programs[over.program].say, to_program)
+        self._attempt(self._tell, commander, f"{text}. {'A hold is ordered.' if over.holds else ''}".rstrip())
         if over.holds:
-            self._parts.stand(lambda trouble: self._stood(over.program, trouble), now)
+            self._attempt(self._parts.stand, partial(self._stood, over.program), now)
+
+    def _attempt(self, step: Callable[..., None], *arguments: object) -> None:
+        attempt(self._parts.reports.fault, "delegation", step, *arguments)
 
     def _stop_stream(self) -> None:
         if self._parts.aircraft.profile.gate.takes_velocities:

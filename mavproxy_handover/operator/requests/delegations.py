@@ -3,19 +3,22 @@
 """`handover delegate`: the commander lets an onboard program lead the aircraft in GUIDED, or takes that back.
 
 A station sends HANDOVER_DELEGATE, and repeats it until the companion answers with the same message. A copy (the same
-station and nonce) gets the answer of the first one: a late copy begins no delegation that has ended since.
+station and nonce) gets the answer of the first one: a late copy begins no delegation that has ended since. The last
+`_REMEMBERED` requests of a station are known: a copy by a slower link may come after the next request.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
+from typing import Any, Final
 
 from pymavlink.dialects.v20 import handover as mavlink
 
 from mavproxy_handover.operator.stations.port import StationPort
 
 __all__ = ["Delegations"]
+
+_REMEMBERED: Final = 32
 
 
 class Delegations:
@@ -33,16 +36,18 @@ class Delegations:
         self._give = give
         self._take_back = take_back
         self._say = say
-        #: station -> nonce of its last request, and the answer
-        self._last: dict[int, tuple[int, bool]] = {}
+        #: station -> nonces of its last requests, the oldest first, and the answers
+        self._answers: dict[int, dict[int, bool]] = {}
 
     def on_message(self, port: StationPort, message: Any, now: float) -> Any:
         """A HANDOVER_DELEGATE of any station; returns the answer."""
-        nonce, accepted = self._last.get(port.sysid, (None, False))
-        if nonce != message.nonce:
+        answers = self._answers.setdefault(port.sysid, {})
+        accepted = answers.get(message.nonce)
+        if accepted is None:
             lacks = self._asked(port, message, now)
-            accepted = not lacks
-            self._last[port.sysid] = message.nonce, accepted
+            accepted = answers[message.nonce] = not lacks
+            if len(answers) > _REMEMBERED:
+                del answers[next(iter(answers))]
             if lacks:
                 self._say(port, f"DELEGATE {_shown(message)} refused: {lacks}")
         program = message.program.encode("ascii", "replace")
