@@ -12,7 +12,7 @@ program flies. `served_ids.py` has the rules about system ids. Rules that live h
    this computer only.
 3. One program commands by the port, after its first heartbeat. Frames of a second one are dropped and counted, until
    the first one is silent.
-4. Frames beyond MOST_FRAMES a second are dropped and counted.
+4. Frames beyond MOST_FRAMES a second, and heartbeats beyond MOST_BEATS, are dropped and counted.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from gcs_module.served_ids import Kind, Program, for_program, kind_of
 from mavproxy_handover.link.base import Device
 from mavproxy_handover.wire.frames import Frame
 
-__all__ = ["LOST_S", "MOST_FRAMES", "MUTE_S", "SILENT_S", "Change", "ServedProgram"]
+__all__ = ["LOST_S", "MOST_BEATS", "MOST_FRAMES", "MUTE_S", "SILENT_S", "Change", "ServedProgram"]
 
 #: time (s) without a heartbeat of the program after which nothing is answered in its name; programs send one a second
 MUTE_S: Final = 1.5
@@ -37,6 +37,9 @@ SILENT_S: Final = 3.0
 LOST_S: Final = MUTE_S + 5.0
 #: frames passed on in a second; a program that uploads a mission sends some hundreds
 MOST_FRAMES: Final = 1000
+#: heartbeats passed on in a second. Each goes out on every link; programs send one, and one more for each component
+MOST_BEATS: Final = 10
+_MOST: Final = {Kind.HEARTBEAT: MOST_BEATS, Kind.PASSED: MOST_FRAMES}
 
 
 class Change(Enum):
@@ -63,7 +66,7 @@ class ServedProgram:
         self._program: Program | None = None
         self._heard_at: float | None = None
         self._told_last = Change.NONE
-        self._second, self._left = 0, MOST_FRAMES
+        self._second, self._left = 0, dict(_MOST)
 
     @property
     def program(self) -> Program | None:
@@ -73,7 +76,7 @@ class ServedProgram:
     def read(self, now: float) -> Iterator[tuple[Kind, Frame]]:
         """The frames that have arrived and go to the vehicle: heartbeats, and frames to pass on."""
         if int(now) != self._second:
-            self._second, self._left = int(now), MOST_FRAMES
+            self._second, self._left = int(now), dict(_MOST)
         for frame in self.device.read():
             kind = kind_of(frame, self._vehicles)
             if kind not in (Kind.HEARTBEAT, Kind.PASSED):
@@ -82,14 +85,14 @@ class ServedProgram:
                 self.dropped["before a heartbeat"] += 1
             elif not self.device.accept_sender(frame):
                 self.dropped["of a second program"] += 1
-            elif kind is Kind.HEARTBEAT:
-                self._program, self._heard_at = Program(frame.sysid, frame.compid), now
-                yield kind, frame
-            elif self._left <= 0:
-                self.dropped["too many"] += 1
             else:
-                self._left -= 1
-                yield kind, frame
+                if kind is Kind.HEARTBEAT:
+                    self._program, self._heard_at = Program(frame.sysid, frame.compid), now
+                if self._left[kind] <= 0:
+                    self.dropped["too many"] += 1
+                else:
+                    self._left[kind] -= 1
+                    yield kind, frame
 
     def change(self, now: float) -> Change:
         """News about the program. To be called often."""

@@ -150,7 +150,8 @@ class Publisher:
         values = _values(line)
         if not reader.known:
             token = values.get("token")
-            if isinstance(token, str) and hmac.compare_digest(token.encode(), self._endpoint.token.encode()):
+            given = token.encode(errors="replace") if isinstance(token, str) else None  # half a surrogate has no bytes
+            if given is not None and hmac.compare_digest(given, self._endpoint.token.encode()):
                 reader.known = True
                 self._send_at = now
             else:

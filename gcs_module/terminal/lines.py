@@ -9,6 +9,8 @@ Three kinds of MAVProxy's lines do not come at once:
 3. `Got COMMAND_ACK: DO_SET_MODE: NOT_IN_CONTROL` waits for the vehicle's own text, which gives the reason: `mode RTL
    refused: GCSA commands ('handover request')`. It is left out then.
 
+Control characters in a line are left out: much of it is text from the vehicle or another station.
+
 A line whose wait is over is written: nothing that a person did is refused without a word. The filter works on the
 console's `writeln`, whichever console MAVProxy has at the moment.
 """
@@ -24,6 +26,7 @@ from typing import Any, Final
 from MAVProxy.modules.lib.textconsole import SimpleConsole
 
 from gcs_module.terminal.noise import TWICE, is_noise
+from gcs_module.terminal.screen import plain
 
 __all__ = ["WAIT_S", "ConsoleLines"]
 
@@ -35,6 +38,8 @@ _GOES_ON: Final = (": ACCEPTED", ": IN_PROGRESS")
 _REFUSED: Final = (" refused", "Control denied: ")
 #: how a line of the station begins: `[12:31:54|GCSA]`
 _OWN: Final = re.compile(r"\[\d\d:\d\d:\d\d\|")
+#: how MAVProxy begins a text of the vehicle
+_VEHICLES: Final = "AP: "
 #: time (s) that a line waits at most
 WAIT_S: Final = 1.0
 _REMEMBERED: Final = 12
@@ -104,7 +109,9 @@ class ConsoleLines:
             self._console = self._write = None
 
     def _writeln(self, text: Any, *more: Any, **named: Any) -> None:
-        line = str(text)
+        line = plain(str(text))
+        if line.startswith(_VEHICLES):  # what follows the end of a line could pass for a line of the station
+            line = line.replace("\n", " ")
         if _OWN.match(line):
             self._on_own(line.lower())
         elif not self._shows_all():

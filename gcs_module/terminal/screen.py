@@ -15,16 +15,29 @@ from __future__ import annotations
 import re
 from typing import Final
 
-__all__ = ["Screen", "cells"]
+__all__ = ["Screen", "cells", "plain", "without_commands"]
 
 _SAVE, _RESTORE, _RESET = "\x1b7", "\x1b8", "\x1b[0m"
 #: a free row below the cursor; the cursor stays in its row of text
 _ROOM: Final = "\x1bD\x1b[A"
 _COLOURS: Final = re.compile(r"\x1b\[[\d;]*m")
-#: what a line may not have: it would move the cursor
-_CONTROL: Final = re.compile(r"\x1b(?!\[[\d;]*m)|[\x00-\x06\x08\x0b-\x1a\x1c-\x1f\x7f]")
+#: what a line may not have: it would move the cursor. Terminals take U+0080 to U+009F for control characters too
+_CONTROL: Final = re.compile(r"\x1b(?!\[[\d;]*m)|[\x00-\x06\x08\x0b-\x1a\x1c-\x1f\x7f-\x9f]")
+#: and what a text from outside may not have: colours and the bell are the station's, and these letters change the order
+#: in which others are shown
+_FOREIGN: Final = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f\u200e\u200f\u202a-\u202e\u2066-\u2069]")
 #: rows without which there is no status line
 LEAST_ROWS: Final = 4
+
+
+def plain(text: str) -> str:
+    """A text from outside, without what would command the terminal. Tabs and ends of lines stay."""
+    return _FOREIGN.sub("", text)
+
+
+def without_commands(line: str) -> str:
+    """A line without what would move the cursor. Colours and the bell stay."""
+    return _CONTROL.sub("", line.expandtabs())
 
 
 def cells(text: str) -> int:
@@ -69,7 +82,7 @@ class Screen:
 
     def above(self, line: str) -> str:
         """Write a line above the row of the input."""
-        clean = _CONTROL.sub("", line.expandtabs())
+        clean = without_commands(line)
         bell = "\a" if "\a" in clean else ""
         rows = _rows(clean.replace("\a", ""), self.columns)
         return bell + "".join(f"{_ROOM}{_SAVE}\r\x1b[L{row}{_RESTORE}\x1b[B" for row in rows)

@@ -30,7 +30,7 @@ from typing import Any, Final, TextIO
 from gcs_module.alarms import Level
 from gcs_module.banner import OLD_S, Situation
 from gcs_module.terminal.look import line_colour, prompt, status_colour
-from gcs_module.terminal.screen import Screen, cells
+from gcs_module.terminal.screen import Screen, cells, without_commands
 
 __all__ = ["Kind", "Terminal", "kind_of"]
 
@@ -260,7 +260,7 @@ class Terminal:
     def _write_lines(self) -> None:
         while self._lines:
             line = self._lines.popleft()
-            self._write(f"\r\n{line}\r\n" if self._wraps() else self._screen.above(line))
+            self._write(f"\r\n{without_commands(line)}\r\n" if self._wraps() else self._screen.above(line))
 
     def _draw(self) -> None:
         """Draw the status line, and a prompt that has changed."""

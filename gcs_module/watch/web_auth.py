@@ -70,7 +70,7 @@ class WebAuth:
         headers = {name.lower(): value.decode("latin-1") for name, value in scope["headers"]}
         host = headers.get(b"host", "")
         origin = headers.get(b"origin")
-        if not self._ours(host) or (origin is not None and urlsplit(origin).netloc != host):
+        if not self._ours(host) or (origin is not None and _host_of(origin) != host):
             await self._refuse(scope, send, 421, "this page is not known by that name")
         elif self._token is None or self._fits(_cookie(headers.get(b"cookie", ""), self._cookie)):
             if scope["type"] == "http" and scope["path"] == "/" and b"text/html" not in _accepted(scope):
@@ -131,6 +131,14 @@ class WebAuth:
             await send(message)
 
         return marked
+
+
+def _host_of(origin: str) -> str:
+    """Name and port in an Origin; "": it has none."""
+    try:
+        return urlsplit(origin).netloc
+    except ValueError:
+        return ""
 
 
 def _accepted(scope: Any) -> bytes:

@@ -8,7 +8,9 @@ beside the configuration. Rules:
 1. Only the station's own keys and the key of the ground link go in. The key of another station, of the guard or of the
    autopilot is refused, also if the configuration names it.
 2. A rotation that is under way is left out: the archive has the new key.
-3. The archive is readable by its owner alone, and replaces no other file.
+3. Of a mission's folder only the mission's own files go in: other things may lie beside them, bundles of other
+   stations and copies of keys among them.
+4. The archive is readable by its owner alone, and replaces no other file.
 """
 
 from __future__ import annotations
@@ -22,6 +24,8 @@ from typing import Final, NamedTuple
 
 from mavproxy_handover.config.files import ConfigError
 from mavproxy_handover.config.station import StationConfig, load_station
+from mavproxy_handover.mission.errors import MissionError
+from mavproxy_handover.mission.package import file_names
 from mavproxy_handover.store.keys import KeysError, load_key
 
 __all__ = ["Entry", "make_bundle"]
@@ -70,9 +74,14 @@ def _is_own(name: str, station: str) -> bool:
 def _missions(station: str, loaded: StationConfig, config: Path) -> Iterator[Entry]:
     for mission in sorted({vehicle.mission for vehicle in loaded.vehicles if vehicle.mission is not None}):
         folder = Path(os.path.normpath(mission))
-        for file in sorted(folder.iterdir()):
-            if file.is_file() and not file.name.startswith(".") and file.suffix not in (".key", ".old", ".orig"):
-                yield Entry(f"{station}/{_beside(file, config)}", file.read_bytes(), 0o640)
+        try:
+            names = file_names(folder)
+        except MissionError as error:
+            raise ConfigError(f"{error}. Nothing was written: see 'handover check {folder}'") from None
+        for file in (folder / name for name in sorted(names)):
+            if file.is_symlink():
+                raise ConfigError(f"{file}: is a link to another file. Nothing was written: copy the file itself there")
+            yield Entry(f"{station}/{_beside(file, config)}", file.read_bytes(), 0o640)
 
 
 def _beside(path: Path, config: Path) -> str:

@@ -24,6 +24,9 @@ reconnect, and connections of unknown senders do not exclude the station:
 While no connection has proved genuine, the newest one is written to (of an address that has the fewest). Some programs
 send nothing before they hear a vehicle. Other unproven connections are closed after a while. There are never more
 connections than _STRANGERS + _TAKEN + _GENUINE.
+
+A web page can make the operator's browser send bytes of its choice to any port of this computer, after the head of a
+request. So `tcpin` closes a connection that begins as such a request, before a frame in it is looked for.
 """
 
 from __future__ import annotations
@@ -54,6 +57,9 @@ _TAKEN: Final = 32
 _STRANGERS: Final = 32
 _GENUINE: Final = 4
 _UNPROVEN_S: Final = 10.0
+#: beginnings of the requests that a browser sends for a page; no frame begins so
+_OF_BROWSER: Final = (b"GET ", b"HEAD ", b"POST ", b"PUT ", b"PATCH ", b"DELETE ", b"OPTIONS ", b"CONNECT ", b"TRACE ")
+_BEGINNING: Final = max(map(len, _OF_BROWSER))
 
 
 class _Lost(Exception):
@@ -68,6 +74,7 @@ class _Connection:
         self.since = since
         self.host = host
         self.bytes_in = 0
+        self.beginning = b""  #: its first bytes, _BEGINNING at most
         self.splitter = FrameSplitter()
         self.heard_at: float | None = None  #: time of the last genuine frame
         self.replaced = False  #: another connection is the client now; this one is closed in the next `read`
@@ -287,6 +294,12 @@ class TcpIn(Device):
             self.trouble = str(loss)
             self._drop(client)
             return 0
+        if len(client.beginning) < _BEGINNING:
+            client.beginning += data[: _BEGINNING - len(client.beginning)]
+            if client.beginning.startswith(_OF_BROWSER):
+                self.trouble = "a web browser's request: closed"
+                self._turn_away(client)
+                return 0
         if data or client.splitter.waiting:
             found = self._split(client.splitter, data, now)
             for frame in found:

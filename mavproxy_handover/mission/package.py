@@ -65,6 +65,7 @@ __all__ = [
     "MissionPackage",
     "STATION_NAME",
     "StationEntry",
+    "file_names",
     "from_bytes",
     "from_texts",
     "load",
@@ -261,6 +262,17 @@ def load(folder: str | Path) -> MissionPackage:
         return replace(package, addresses=_addresses(folder, package))
     except MissionError as fault:
         return replace(package, addresses_fault=str(fault))
+
+
+def file_names(folder: str | Path) -> tuple[str, ...]:
+    """The names of the files of the mission package in `folder`: those that travel, and the one of the addresses.
+
+    Raises MissionError if mission.toml cannot be read."""
+    folder = Path(folder)
+    names = [MISSION_FILE, *_referenced(_toml(read_file(folder, MISSION_FILE)))]
+    if os.path.lexists(folder / ADDRESSES_FILE):
+        names.append(ADDRESSES_FILE)
+    return tuple(dict.fromkeys(names))
 
 
 def from_texts(texts: Mapping[str, str], source: str) -> MissionPackage:

@@ -42,7 +42,8 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     (tmp_path / "GCSA.toml").write_text(STATION)
     mission = tmp_path / "mission"
     mission.mkdir()
-    (mission / "mission.toml").write_text("name = 'x'\n")
+    (mission / "mission.toml").write_text("route = 'route.plan'\n")
+    (mission / "route.plan").write_text("{}")
     (mission / "stray.key").write_text("ab" * 32)
     return tmp_path
 
@@ -61,6 +62,7 @@ def test_it_has_what_the_station_needs_and_no_more(folder: Path, capsys: pytest.
         "GCSA/keys/GCSA.key",
         "GCSA/keys/ground.key",
         "GCSA/mission/mission.toml",
+        "GCSA/mission/route.plan",
     ]
     assert stat.S_IMODE(archive.stat().st_mode) == 0o600
     assert {name: member.mode for name, member in found.items() if name.endswith(".key")} == {
@@ -141,3 +143,42 @@ def test_a_bundle_that_is_there_is_not_replaced(folder: Path, capsys: pytest.Cap
     assert main(["bundle", "GCSA"]) == 2
     assert "File exists" in capsys.readouterr().err
     assert (folder / "GCSA-bundle.tar.gz").read_text() == "mine"
+
+
+def test_what_lies_beside_a_mission_stays_here(folder: Path) -> None:
+    """A mission's folder may be that of all configurations: bundles and copies of other keys lie there."""
+    for file in (folder / "mission").iterdir():
+        file.rename(folder / file.name)
+    for name in SECRETS:
+        (folder / f"{name}.key.txt").write_bytes((folder / "keys" / f"{name}.key").read_bytes())
+    (folder / "GCSB-bundle.tar.gz").write_bytes((folder / "keys" / "GCSB.key").read_bytes())
+    (folder / "GCSA.toml").write_text(STATION.replace('mission = "mission"', 'mission = "."'))
+    (folder / "addresses.toml").write_text("")
+    assert main(["bundle", "GCSA"]) == 0
+    assert sorted(members(folder / "GCSA-bundle.tar.gz")) == [
+        "GCSA/GCSA.toml",
+        "GCSA/addresses.toml",
+        "GCSA/keys/GCSA.key",
+        "GCSA/keys/ground.key",
+        "GCSA/mission.toml",
+        "GCSA/route.plan",
+    ]
+
+
+def test_a_file_of_the_mission_that_is_a_link_to_a_key_is_refused(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (folder / "mission" / "route.plan").unlink()
+    (folder / "mission" / "route.plan").symlink_to(folder / "keys" / "guard.key")
+    assert main(["bundle", "GCSA"]) == 2
+    assert "route.plan: is a link to another file" in capsys.readouterr().err
+    assert not (folder / "GCSA-bundle.tar.gz").exists()
+
+
+def test_a_mission_that_cannot_be_read_is_said_in_one_line(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (folder / "mission" / "mission.toml").write_text("route = [[[")
+    assert main(["bundle", "GCSA"]) == 2
+    err = capsys.readouterr().err
+    assert "mission.toml" in err
+    assert "handover check" in err
+    assert err.count("\n") == 1

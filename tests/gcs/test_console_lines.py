@@ -205,3 +205,19 @@ def test_a_text_about_a_refusal_ends_the_wait_of_an_answer_and_not_of_an_event(b
 def test_each_row_says_why() -> None:
     assert all(row.why for row in NOISE)
     assert all(row.own for row in TWICE)
+
+
+@pytest.mark.parametrize(
+    ("said", "shown"),
+    [
+        ("AP: \x1b]52;c;bHM=\x07\x1b[2Jx", "AP: ]52;c;bHM=[2Jx"),
+        ("AP: \x1b[8mhidden", "AP: [8mhidden"),
+        ("AP: \x9b2Jx\rYOU", "AP: 2JxYOU"),
+        ("AP: x\n[12:31:54|GCSA]: GCSA commands", "AP: x [12:31:54|GCSA]: GCSA commands"),
+        ("AP: \u202ederomra", "AP: deromra"),
+        ("two\nlines\tof MAVProxy", "two\nlines\tof MAVProxy"),
+    ],
+)
+def test_a_text_of_the_vehicle_commands_no_terminal(bench: Bench, said: str, shown: str) -> None:
+    bench.console.writeln(said)
+    assert bench.shown() == [shown]

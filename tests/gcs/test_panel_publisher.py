@@ -340,3 +340,13 @@ def test_a_file_in_place_of_a_socket_is_one_line(place: Path) -> None:
     panel = reader()
     panel.tick(NOW)
     assert panel.fault == f"{place / 'GCSA.tcp'}: holds no port and token"
+
+
+def test_a_token_that_has_no_bytes_is_wrong_and_stops_no_other_reader(bench: Bench) -> None:
+    good = reader()
+    bench.run(0.5, good)
+    with bench.raw(b'{"token":"\\ud800"}\n'):
+        bench.run(3.0, good)
+    assert good.age_s(bench.now) < 0.5
+    assert bench.publisher.dropped["wrong token"] == 1
+    good.close()

@@ -10,7 +10,7 @@ import pytest
 from pymavlink.dialects.v20 import handover as mavlink
 
 from gcs_module.served_ids import Kind, Program, for_program, kind_of
-from gcs_module.served_program import MOST_FRAMES, MUTE_S, SILENT_S, Change, ServedProgram
+from gcs_module.served_program import MOST_BEATS, MOST_FRAMES, MUTE_S, SILENT_S, Change, ServedProgram
 from mavproxy_handover.config.served import parse_served
 from mavproxy_handover.link.forms import LinkError
 from mavproxy_handover.wire.frames import Frame, parse_one
@@ -251,3 +251,10 @@ def test_of_a_flood_a_second_s_worth_is_passed_on_and_every_heartbeat() -> None:
     assert bench.program.dropped["too many"] == 50
     assert bench.send(command(), beat(), now=10.9) == [Kind.HEARTBEAT]
     assert bench.send(command(), now=11.0) == [Kind.PASSED]
+
+
+def test_a_flood_of_heartbeats_does_not_fill_the_vehicle_s_links() -> None:
+    bench = Bench()
+    assert bench.send(*([beat()] * 500), command()) == [Kind.HEARTBEAT] * MOST_BEATS + [Kind.PASSED]
+    assert bench.program.dropped["too many"] == 500 - MOST_BEATS
+    assert bench.send(beat(), now=11.0) == [Kind.HEARTBEAT]

@@ -13,7 +13,7 @@ import pytest
 from gcs_module.alarms import Level
 from gcs_module.banner import Situation
 from gcs_module.terminal.look import Craft, line_colour, prompt, status, status_colour
-from gcs_module.terminal.screen import Screen
+from gcs_module.terminal.screen import Screen, without_commands
 from gcs_module.terminal.terminal import Kind, kind_of
 from mavproxy_handover.core.common.model import FlightAction, Phase
 
@@ -162,6 +162,11 @@ class TestScreen:
         emulated.write(emulated.screen.above("a\x1b[2Jb\x1b]0;title\x07\x9b\rc\td"))
         assert emulated.rows[1] == "MAV>"
         assert emulated.rows[0].startswith("a[2Jb]0;title")
+
+    @pytest.mark.parametrize("control", ["\x9b2J", "\x9d0;title\x9c", "\x84", "\x8d"])
+    def test_control_characters_of_eight_bits_are_left_out(self, emulated: Emulated, control: str) -> None:
+        assert control[0] not in emulated.screen.above(f"a{control}b")
+        assert control[0] not in without_commands(f"a{control}b")
 
     def test_the_prompt_changes_under_what_is_typed(self, emulated: Emulated) -> None:
         emulated.write("YOU AUTO>       handover")

@@ -68,7 +68,7 @@ def test_without_a_token_nobody_comes_by_another_name(host: str, kind: str) -> N
 
 
 @pytest.mark.parametrize("kind", ["http", "websocket"])
-@pytest.mark.parametrize("origin", ["http://evil.example", "null", "http://127.0.0.1:9"])
+@pytest.mark.parametrize("origin", ["http://evil.example", "null", "http://127.0.0.1:9", "http://["])
 def test_pages_from_elsewhere_get_nothing(kind: str, origin: str) -> None:
     assert "inside" not in ask(None, kind, origin=origin)
     assert "inside" not in ask(TOKEN, kind, origin=origin, cookie=f"{COOKIE}={TOKEN}")

@@ -482,3 +482,39 @@ def test_a_flood_on_one_connection_is_read_in_bounded_pieces(closing: contextlib
         pieces.append(device.counters.bytes_in - before)
         assert len(frames) <= 8192 // len(heartbeat(1).raw) + 1
     assert max(pieces) == 8192
+
+
+# ---- a web page ---------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("method", [b"POST / ", b"GET /x ", b"OPTIONS / ", b"HEAD / "])
+@pytest.mark.parametrize("cut", [0, 1, 3])
+def test_frames_in_a_web_page_s_request_are_not_looked_for(
+    closing: contextlib.ExitStack, clock: Clock, method: bytes, cut: int
+) -> None:
+    """A page in the operator's browser may send any bytes to a port of this computer, after the head of a request."""
+    device, port = listen_in(closing, clock)
+    page = client(closing, device, port)
+    request = method + b"HTTP/1.1\r\nHost: 127.0.0.1\r\nContent-Length: 99\r\n\r\n" + heartbeat(1).raw + command(2).raw
+    if cut:
+        page.sendall(request[:cut])
+        closing.callback(device.read)
+        for _ in range(20):
+            device.read()
+    page.sendall(request[cut:])
+    page.settimeout(0.01)
+    frames: list[Frame] = []
+    for _ in range(200):
+        frames += device.read()
+        with contextlib.suppress(TimeoutError, ConnectionError):
+            if page.recv(1) == b"":
+                break
+    assert frames == []
+    assert device.counters.strangers == 1
+
+
+def test_a_line_that_begins_within_a_frame_is_served(closing: contextlib.ExitStack, clock: Clock) -> None:
+    device, port = listen_in(closing, clock)
+    late = client(closing, device, port)
+    late.sendall(command(1).raw[7:] + heartbeat(2).raw)
+    assert read_frames(device, 1) == [heartbeat(2)]
