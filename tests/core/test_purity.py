@@ -15,7 +15,13 @@ import mavproxy_handover.core
 
 CORE = "mavproxy_handover.core"
 #: what the station's rules have beside them, and is looked at as well
-STATION = ("gcs_module.events", "gcs_module.ahead", "gcs_module.alarms", "gcs_module.notices")
+STATION = (
+    "gcs_module.events",
+    "gcs_module.standard_control",
+    "gcs_module.ahead",
+    "gcs_module.alarms",
+    "gcs_module.notices",
+)
 
 FORBIDDEN = {
     "asyncio",

@@ -171,6 +171,7 @@ def test_only_the_page_and_its_command_know_the_web_stack() -> None:
         "gcs_module/watch/serving.py": {"uvicorn"},
         "gcs_module/watch/page.py": {"fastapi", "nicegui"},
         "gcs_module/watch/page_server.py": {"fastapi", "nicegui"},
+        "sitl/run/panel_driver.py": {"nicegui"},
         "gcs_module/panel/page.py": {"fastapi", "nicegui"},
     }
 

@@ -448,14 +448,14 @@ def circles(bench: Bench, inside_m: float, radius_m: float = 0.0, alt_m: float =
 @pytest.mark.parametrize(
     ("inside_m", "radius_m", "words"),
     [
-        (110.0, 0.0, ""),
+        (115.0, 0.0, ""),
         (85.0, 0.0, "leaves coverage in "),
         (10.0, 0.0, "leaves coverage in "),
         (-50.0, 0.0, "leaves coverage in "),
         (210.0, 200.0, ""),
         (190.0, 200.0, "leaves coverage in "),
         (300.0, 3000.0, "leaves coverage in "),
-        (110.0, -3000.0, ""),  # ArduPlane takes no such radius
+        (115.0, -3000.0, ""),  # ArduPlane takes no such radius
     ],
 )
 def test_a_target_of_wings_is_judged_as_the_circle_that_is_flown_there(
@@ -475,10 +475,10 @@ def test_the_radius_of_before_is_flown_on_in_guided(dike: Bench) -> None:
     assert not circles(dike, 300.0)
     assert circles(dike, 300.0, 200.0)
     assert circles(dike, 300.0)
-    assert not circles(dike, 110.0)
+    assert not circles(dike, 115.0)
     dike.autopilot.mode = LOITER_ON_WINGS
     dike.run(1.5)
-    assert circles(dike, 110.0)
+    assert circles(dike, 115.0)
 
 
 def test_what_hovers_is_judged_by_its_circle_too_for_it_flies_there_on_its_wings(dike: Bench) -> None:

@@ -47,7 +47,7 @@ def start(bench: Bench) -> None:
 
 @pytest.fixture
 def flying(ready: Bench) -> Bench:
-    """In flight with a third of the battery, of which 34.8 Wh have to be left at the last."""
+    """In flight with a third of the battery, of which 35.2 Wh have to be left at the last."""
     start(ready)
     ready.autopilot.battery = 0.34
     ready.wait(10.0)
@@ -80,7 +80,7 @@ def test_a_battery_that_empties_brings_it_home_although_looking_breaks(
         flying.run(1.0)
         said = flying.a.texts()
     assert "RETURN to home. " in said
-    assert " Wh left, the way back needs 34.8 Wh with the reserve. " in said
+    assert " Wh left, the way back needs 35.2 Wh with the reserve. " in said
     assert said.count("internal fault of the companion: ") == 1
     assert not flying.companion.failed
 
