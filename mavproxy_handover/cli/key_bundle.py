@@ -10,7 +10,7 @@ beside the configuration. Rules:
 2. A rotation that is under way is left out: the archive has the new key.
 3. Of a mission's folder only the mission's own files go in: other things may lie beside them, bundles of other
    stations and copies of keys among them.
-4. The archive is readable by its owner alone, and replaces no other file.
+4. The archive is readable by its owner alone, and replaces no other file. Its folders unpack with mode 0700.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ import io
 import os
 import tarfile
 from collections.abc import Iterator
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 from typing import Final, NamedTuple
 
 from mavproxy_handover.config.files import ConfigError
@@ -93,6 +93,10 @@ def _beside(path: Path, config: Path) -> str:
 def _write(out: Path, entries: list[Entry]) -> None:
     descriptor = os.open(out, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
     with os.fdopen(descriptor, "wb") as file, tarfile.open(fileobj=file, mode="w:gz") as archive:
+        for folder in sorted({path.as_posix() for entry in entries for path in PurePosixPath(entry.name).parents[:-1]}):
+            info = tarfile.TarInfo(folder)
+            info.type, info.mode = tarfile.DIRTYPE, 0o700
+            archive.addfile(info)
         for entry in entries:
             info = tarfile.TarInfo(entry.name)
             info.size, info.mode = len(entry.content), entry.mode

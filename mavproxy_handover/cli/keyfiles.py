@@ -60,13 +60,19 @@ def _of_kind(kind: str, way: Uplink, ssid: str | None) -> list[str]:
 def _addresses(way: Uplink) -> list[str]:
     """Address and routes, all in the table of this way, with the rules that lead there."""
     table = TABLES[way.role]
-    rules = [f"priority {900 + table} from 0.0.0.0/0 oif {way.interface} table {table}"]
+    rules = [_rule(900 + table, "0.0.0.0/0", table, way.interface)]
     if way.address is None:
         lines = ["method=auto"]
     else:
         gateway = "" if way.gateway is None else f",{way.gateway}"
         lines = ["method=manual", f"address1={way.address}{gateway}"]
-        rules.append(f"priority {900 + table} from {way.address.ip}/32 table {table}")
-    rules.append(f"priority {33000 + table} from 0.0.0.0/0 table {table}")
+        rules.append(_rule(900 + table, f"{way.address.ip}/32", table))
+    rules.append(_rule(33000 + table, "0.0.0.0/0", table))
     numbered = [f"routing-rule{number}={rule}" for number, rule in enumerate(rules, start=1)]
     return [*lines, f"route-table={table}", "may-fail=true", *numbered]
+
+
+def _rule(priority: int, source: str, table: int, interface: str | None = None) -> str:
+    """A rule of policy routing, in NetworkManager's words."""
+    leaving = () if interface is None else ("oif", interface)
+    return " ".join(("priority", str(priority), "from", source, *leaving, "table", str(table)))

@@ -157,7 +157,8 @@ FAMILIES: Final = (
         "Type the command with --help. Correct what the line names.",
         _in(
             "mavproxy_handover/cli",
-            "__init__ check completion explain init init_mission mission_job install machine keys logs policy",
+            "__init__ check completion explain init init_mission mission_job install machine key_bundle keyfiles keys "
+            "logs policy",
         ),
     ),
     Family(
@@ -260,6 +261,7 @@ OTHER_FILES: Final = {
     "mavproxy_handover/mission/items.py": "the difference between two lists: the table 'What the autopilot holds'",
     "mavproxy_handover/mission/draft.py": "comments of the mission.toml that 'handover init mission' writes",
     "mavproxy_handover/mission/drawing.py": "labels of a map",
+    "mavproxy_handover/mission/path.py": "names of parts of the path, in findings of the check",
     "mavproxy_handover/mission/map_findings.py": "the list below a map: the findings of the check",
     "gcs_module/watch/page_arguments.py": "help of arguments",
 }

@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import stat
+import subprocess
 import tarfile
 from pathlib import Path
 
@@ -50,7 +51,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 def members(archive: Path) -> dict[str, tarfile.TarInfo]:
     with tarfile.open(archive) as opened:
-        return {member.name: member for member in opened}
+        return {member.name: member for member in opened if member.isfile()}
 
 
 def test_it_has_what_the_station_needs_and_no_more(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -78,7 +79,7 @@ def test_it_has_what_the_station_needs_and_no_more(folder: Path, capsys: pytest.
 def test_no_secret_of_others_is_in_it(folder: Path) -> None:
     assert main(["bundle", "GCSA"]) == 0
     with tarfile.open(folder / "GCSA-bundle.tar.gz") as archive:
-        everything = b"".join(archive.extractfile(member).read() for member in archive)  # type: ignore[union-attr]
+        everything = b"".join(archive.extractfile(each).read() for each in archive if each.isfile())  # type: ignore[union-attr]
     own = (folder / "keys" / "GCSA.key").read_bytes().strip()
     assert own in everything
     for name in SECRETS:
@@ -94,6 +95,17 @@ def test_the_station_can_use_it(folder: Path, tmp_path: Path) -> None:
     loaded = load_station(tmp_path / "there" / "GCSA" / "GCSA.toml")
     assert loaded.station.name == "GCSA"
     assert load_key(loaded.vehicles[0].key or Path()) == load_key(folder / "keys" / "GCSA.key")
+
+
+def test_unpacked_folders_are_closed_to_other_users(folder: Path) -> None:
+    """Otherwise the umask decides, and `handover doctor` at the station reports the folder of the keys."""
+    assert main(["bundle", "GCSA"]) == 0
+    there = folder / "there"
+    there.mkdir()
+    subprocess.run(["sh", "-c", "umask 022; tar xzf ../GCSA-bundle.tar.gz"], cwd=there, check=True)
+    folders = {each.relative_to(there).as_posix(): each for each in there.rglob("*") if each.is_dir()}
+    modes = {name: stat.S_IMODE(each.stat().st_mode) for name, each in folders.items()}
+    assert modes == {"GCSA": 0o700, "GCSA/keys": 0o700, "GCSA/mission": 0o700}
 
 
 @pytest.mark.parametrize("other", SECRETS)
@@ -114,7 +126,7 @@ def test_an_old_key_of_a_rotation_stays_here(folder: Path) -> None:
     assert main(["rotate", "GCSA"]) == 0
     assert main(["bundle", "GCSA"]) == 0
     with tarfile.open(folder / "GCSA-bundle.tar.gz") as archive:
-        everything = b"".join(archive.extractfile(member).read() for member in archive)  # type: ignore[union-attr]
+        everything = b"".join(archive.extractfile(each).read() for each in archive if each.isfile())  # type: ignore[union-attr]
     assert old not in everything
 
 
