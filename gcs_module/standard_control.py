@@ -38,6 +38,8 @@ LOST_S: Final = 5.0
 WINDOW_S: Final = 10.0
 #: a copy of a request that was just answered comes within this time (s)
 COPY_S: Final = 3.0
+#: the operator is told at most this often (s) that one more station asks
+_TOO_S: Final = 3.0
 #: the shortest and the longest time-out (s) of a request
 _SHORTEST_S: Final = 3.0
 _LONGEST_S: Final = 60.0
@@ -94,6 +96,8 @@ class StandardControl:
         self.question: ControlQuestion | None = None
         self._number = 0
         self._answered: tuple[int, float] = (0, -inf)
+        #: when the operator was last told that one more station asks
+        self._too_at = -inf
         #: the station that may take control now, and until when
         self._allowed: tuple[int, float] | None = None
         #: this station's own request: until when it stands, its time-out, whether the owner is asked about it, and
@@ -206,11 +210,14 @@ class StandardControl:
             return actions
         values: dict[str, Any] = {"station": self._name(asked.requester), "vehicle": self._vehicle()}
         if self._automatic:
+            if self._allowed is not None:  # any station may take control now
+                return actions
             actions.append(notice("control_asked_automatic", **values))
             self._allow(asked.requester, now, actions)
         elif self.question is not None:
-            actions.append(notice("control_asked_too", other=self._name(self.question.requester), **values))
-            self._answered = asked.requester, now
+            if now - self._too_at >= _TOO_S:
+                self._too_at = now
+                actions.append(notice("control_asked_too", other=self._name(self.question.requester), **values))
         else:
             self._number += 1
             until = now + min(max(asked.timeout_s, _SHORTEST_S), _LONGEST_S)

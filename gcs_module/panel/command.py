@@ -11,7 +11,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Final
 
-from gcs_module.panel.endpoint import running
+from gcs_module.panel.endpoint import foreign, running
 from gcs_module.panel.panel_auth import PanelAuth
 from gcs_module.panel.session import Session
 from gcs_module.watch.page_arguments import add_address
@@ -76,6 +76,8 @@ def _serve(arguments: argparse.Namespace, station: str, tiles: TileSource | None
             file=sys.stderr,
             flush=True,
         )
+        for line in foreign():
+            print(f"handover panel: not looked for in {line}", file=sys.stderr, flush=True)
     if not is_loopback(arguments.host):
         print(
             "handover panel: other computers can reach this page, and the connection is not encrypted: use a network "

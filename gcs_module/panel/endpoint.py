@@ -4,7 +4,8 @@
 
 Rules that live here
 --------------------
-* The socket is in a folder that only this user can enter. Where the system has Unix sockets, it is one. Elsewhere it is
+* The socket is in a folder that only this user can enter. A panel looks in no other folder: another user's program
+  there could show it any aircraft. Where the system has Unix sockets, it is one. Elsewhere it is
   a TCP port of this computer, and a file in that folder holds the port and a token.
 * If another running station of this user has the same name, the number of the process is added to the name.
 * What a station that was killed has left is removed by the next one.
@@ -21,12 +22,13 @@ import secrets
 import socket
 import stat
 import tempfile
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 from urllib.parse import quote, unquote
 
-__all__ = ["FOLDER_VARIABLE", "Endpoint", "EndpointError", "connect", "find", "open_endpoint", "running"]
+__all__ = ["FOLDER_VARIABLE", "Endpoint", "EndpointError", "connect", "find", "foreign", "open_endpoint", "running"]
 
 #: names the folder of the sockets, in place of the usual ones
 FOLDER_VARIABLE: Final = "HANDOVER_PANELS"
@@ -75,6 +77,11 @@ def _private(folder: Path) -> None:
     """Make the folder if it is missing. Raises EndpointError if others can enter it, OSError."""
     with contextlib.suppress(FileExistsError):
         folder.mkdir(mode=0o700)
+    _check_private(folder)
+
+
+def _check_private(folder: Path) -> None:
+    """Raises EndpointError if others can enter the folder, OSError."""
     found = folder.lstat()
     if not stat.S_ISDIR(found.st_mode):
         raise EndpointError(f"{folder}: is no folder. Remove it.")
@@ -150,14 +157,34 @@ def _write(path: Path, text: str) -> None:
         stream.write(text)
 
 
+def _searched() -> Iterator[Path]:
+    """The folders in which sockets of this user's stations may be. Those that others can enter are left out."""
+    for folder in _folders():
+        with contextlib.suppress(OSError, EndpointError):
+            _check_private(folder)
+            yield folder
+
+
+def foreign() -> list[str]:
+    """A line about each folder that is not searched, because others can enter it."""
+    found = []
+    for folder in _folders():
+        try:
+            _check_private(folder)
+        except EndpointError as error:
+            found.append(str(error))
+        except OSError:  # it is missing
+            continue
+    return found
+
+
 def running() -> list[str]:
     """The names of the stations that run and have a socket, of this user."""
     names = set()
-    for folder in _folders():
-        if folder.is_dir():
-            for path in folder.iterdir():
-                if path.suffix in (_UNIX_END, _TCP_END) and _answers(path):
-                    names.add(unquote(path.stem))
+    for folder in _searched():
+        for path in folder.iterdir():
+            if path.suffix in (_UNIX_END, _TCP_END) and _answers(path):
+                names.add(unquote(path.stem))
     return sorted(names)
 
 
@@ -166,7 +193,7 @@ def find(name: str) -> Path | None:
     given = Path(name)
     if given.suffix in (_UNIX_END, _TCP_END) and given.exists():
         return given
-    for folder in _folders():
+    for folder in _searched():
         for path in _files(folder, name):
             if path.exists():
                 return path

@@ -334,6 +334,29 @@ def test_a_folder_that_others_can_enter_is_refused(place: Path) -> None:
         open_endpoint("GCSA")
 
 
+@pytest.mark.parametrize("mode", [0o755, 0o711, 0o770])
+def test_a_station_in_a_folder_that_others_can_enter_is_not_looked_at(bench: Bench, place: Path, mode: int) -> None:
+    """Another user may have made that folder: a program of theirs could show this panel any aircraft."""
+    assert running() == ["GCSA"]
+    place.chmod(mode)
+    assert running() == []
+    assert find("GCSA") is None
+    assert endpoints.foreign() == [f"{place}: other users can enter it. Remove it, or make it yours: chmod 700 {place}"]
+    panel = reader()
+    panel.tick(NOW)
+    assert not panel.connected
+    place.chmod(0o700)
+    assert endpoints.foreign() == []
+
+
+def test_a_link_to_a_folder_is_not_looked_at(bench: Bench, place: Path) -> None:
+    place.rename(place.with_name("elsewhere"))
+    place.symlink_to(place.with_name("elsewhere"))
+    assert running() == []
+    place.unlink()
+    place.with_name("elsewhere").rename(place)
+
+
 def test_a_file_in_place_of_a_socket_is_one_line(place: Path) -> None:
     place.mkdir(mode=0o700)
     (place / "GCSA.tcp").write_text("{}")
