@@ -94,7 +94,8 @@ def commands() -> tuple[Command, ...]:
 
 def _commands(words: str, text: str, parser: argparse.ArgumentParser) -> Iterator[Command]:
     below = [action for action in parser._actions if isinstance(action, argparse._SubParsersAction)]
-    options = tuple(_option(parser, action) for action in parser._actions if action not in below)
+    shown = [action for action in parser._actions if action not in below and action.help != argparse.SUPPRESS]
+    options = tuple(_option(parser, action) for action in shown)
     assert isinstance(parser, CommandParser), f"handover {words}: its help has no examples"
     yield Command(
         words,

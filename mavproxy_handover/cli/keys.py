@@ -84,7 +84,7 @@ def main(argv: Sequence[str]) -> int:
         examples=(
             ("handover keys make GCSA GCSB", "a key for each of two stations, shown once as a passphrase"),
             ("handover keys check --dir /etc/handover/keys", "whether every key of this machine can be used"),
-            ("handover keys rotate GCSB", "the first of three steps to another key for GCSB"),
+            ("handover keys rotate GCSB", "the first step to another key for GCSB; it prints the other ones"),
         ),
         codes=_CODES,
     )

@@ -461,7 +461,7 @@ _HANDOVER: Final = (
         "frames of {station} are not signed: give this program the key of {name}",
         _WARNING,
         "The vehicle has a key for this station, and the program does not sign.",
-        "Enter the key in the program (MAVProxy: signing setup PASSPHRASE).",
+        "Enter the key in the program (MAVProxy: signing key PASSPHRASE).",
     ),
     Sentence(
         "frames of {station} are signed with another key: give this program the key of {name}",

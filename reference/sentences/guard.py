@@ -173,7 +173,7 @@ _TEXTS: Final = (
             ("MAVLink rx was reset by a script", "Another script has cleared the guard's messages.", _SCRIPT),
             (
                 "no arming authorisation available",
-                "Another script holds ArduPilot's only one. The guard cannot refuse arming.",
+                "Other scripts hold all that ArduPilot has. The firmware itself refuses arming then.",
                 "Remove the other script.",
             ),
             ("handover.key cannot be used", "The key on the card is no key.", "'handover guard CARD --key FILE'."),

@@ -221,20 +221,20 @@ def test_a_finding_names_its_place(
     assert main(["code.py"]) == 1
     told = capsys.readouterr()
     assert told.out.startswith("code.py:3: person: 'it is told to nobody here': name the ")
-    assert told.err == "1 findings, 0 warnings in documents\n"
+    assert told.err == "1 findings\n"
     code.write_text('"""A module."""\n', encoding="utf-8")
     assert main(["code.py"]) == 0
 
 
-def test_a_finding_in_a_document_is_a_warning(
+def test_a_finding_in_a_document_names_its_place(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     (tmp_path / "page.md").write_text("It is fine.\nIt is told to nobody.\n", encoding="utf-8")
     monkeypatch.setattr("tests.structure.language.ROOT", tmp_path)
-    assert main(["page.md"]) == 0
+    assert main(["page.md"]) == 1
     told = capsys.readouterr()
     assert told.out.startswith("page.md:2: person: ")
-    assert told.err == "0 findings, 1 warnings in documents\n"
+    assert told.err == "1 findings\n"
 
 
 def test_message_tables_and_help_have_no_finding() -> None:

@@ -111,8 +111,10 @@ class ReturnSite:
 
     @property
     def way(self) -> tuple[float, float | None] | None:
-        """Time (s) until the aircraft is on the ground at the site of `where`, and the part of the battery that it
-        needs for it, None: not known. None: nothing is known of the way."""
+        """Time (s) and part of the battery that a return to the site of `where` needs, with the landing.
+
+        A part of None is not known; None: nothing is known of the way.
+        """
         choice, where = self.choice, self.where
         if choice is None or where is None or choice.place.name != where[0]:
             return None
