@@ -99,9 +99,10 @@ class OutBuffer:
     def __len__(self) -> int:
         return len(self._data)
 
-    def add(self, frame: bytes, more: bool = False) -> bool:
-        """Add a frame; False if there is no room for all of it. Downloads (`more`) may use half of the room."""
-        if len(self._data) + len(frame) > (self._limit // 2 if more else self._limit):
+    def add(self, frame: bytes, more: bool = False, spare: int = 0) -> bool:
+        """Add a frame; False if there is no room for all of it. Downloads (`more`) may use half of the room. `spare`:
+        bytes that stay free for other frames."""
+        if len(self._data) + len(frame) + spare > (self._limit // 2 if more else self._limit):
             return False
         self._data += frame
         return True

@@ -8,19 +8,26 @@ has taken everything. With a time-out of 0 pyserial spins. So its `write` is rep
 1. It never waits. Up to a few frames are kept if the line does not take them now, and leave with the next write.
 2. A frame is taken as a whole or not at all, because a cut frame would cost the next one too.
 3. A lost line raises OSError, as with pyserial. MAVProxy then opens it again.
+4. The last `LEASE_ROOM` bytes of room are the lease's: other frames, however many, never keep it from the line.
 """
 
 from __future__ import annotations
 
 import errno
 import os
-from typing import Any
+from typing import Any, Final
 
 import serial
+from pymavlink.dialects.v20 import handover as mavlink
 
 from mavproxy_handover.link.base import OutBuffer
 
-__all__ = ["LineWriter", "is_line"]
+__all__ = ["LEASE_ROOM", "LineWriter", "is_line"]
+
+#: several leases
+LEASE_ROOM: Final = 512
+#: the message that the lease travels in, as the head of a frame has it
+_TUNNEL: Final = mavlink.MAVLINK_MSG_ID_TUNNEL.to_bytes(3, "little")
 
 
 def is_line(port: Any) -> bool:
@@ -42,15 +49,16 @@ class LineWriter:
     def write(self, data: bytes) -> int:
         """Send a frame now or soon, or drop it. Returns its length, as pyserial does. Raises OSError."""
         data = bytes(data)
+        spare = 0 if data[7:10] == _TUNNEL else LEASE_ROOM
         if not len(self._out):  # nearly always so
             try:
                 taken = self._send(data)
             except (BlockingIOError, InterruptedError):
                 taken = 0
-            if taken == len(data) or self._out.add(data[taken:]):
+            if taken == len(data) or self._out.add(data[taken:], spare=spare):
                 return len(data)
         self.push()
-        if not self._out.add(data):
+        if not self._out.add(data, spare=spare):
             self.refused += 1
         self.push()
         return len(data)
