@@ -11,6 +11,8 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import handover as mavlink
 
+from mavproxy_handover.core.common.events import Announce
+from mavproxy_handover.core.common.model import FlightAction, Reason
 from mavproxy_handover.gate.intent import Aim
 from mavproxy_handover.mission.package import MissionPackage
 from mavproxy_handover.operator.checks.command_check import MOST
@@ -276,6 +278,17 @@ def test_only_the_commander_delegates(flown: Bench) -> None:
     flown.wait(0.3)
     assert flown.b.received.got("HANDOVER_DELEGATE")[-1].accepted == 0
     assert "DELEGATE precland refused: only the commander delegates" in flown.b.texts()
+
+
+def test_a_transfer_for_safety_ends_it(flown: Bench, program: Program) -> None:
+    in_guided(flown)
+    assert delegate(flown).accepted == 1
+    stream(flown, program, 1.0)
+    flown.decide(Announce("TRANSFER. Out of coverage", FlightAction.TRANSFER, Reason.ZONE))
+    flown.autopilot.received.clear()
+    stream(flown, program, 1.0)
+    assert written(flown, "SET_POSITION_TARGET_GLOBAL_INT") == []
+    assert "no longer leads the aircraft: the companion has decided" in flown.a.texts()
 
 
 def test_a_late_copy_of_an_earlier_request_begins_no_delegation(flown: Bench, program: Program) -> None:

@@ -171,7 +171,7 @@ class Delegating:
         if not guided and now - ordered_at > _SHOWS_S:
             self._ordered = ordered_by = None
         decision = self._parts.decision()
-        decided = decision is not None and decision >= FlightAction.HOLD
+        decided = decision is not None and decision >= FlightAction.TRANSFER
         return GuidedFacts(view.commander, view.epoch, aircraft.flying, guided, ordered_by, decided)
 
     def _over(self, over: Over | None, now: float) -> None:
