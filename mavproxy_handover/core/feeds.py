@@ -15,7 +15,8 @@ A feed does not follow authority: a station without authority may be the source,
    source moves.
 
 5. Terrain is asked for. A request goes to the station with authority first, if it is named, then to the others in their
-   order: to the next one after `silence_s` without an answer. A station may answer what it was asked.
+   order: to the next one after `silence_s` without an answer. A station may answer what it was asked: the parts of the
+   last request, each once.
 
 Pure: time is an argument (monotonic seconds). Memory is bounded by the stations, and by `_MOST_REQUESTS`.
 """
@@ -138,6 +139,8 @@ class _Asked:
     count: int
     since: float
     at: float
+    #: a bit for each part that no station has answered since
+    mask: int
 
 
 class TerrainRequests:
@@ -148,17 +151,18 @@ class TerrainRequests:
         self._open: dict[Block, _Asked] = {}
         self._order: dict[Block, tuple[int, ...]] = {}
 
-    def ask(self, block: Block, commander: int | None, now: float) -> tuple[int, ...]:
-        """The autopilot asks for a block; the stations that are to get the request, the newest one last."""
+    def ask(self, block: Block, commander: int | None, now: float, mask: int) -> tuple[int, ...]:
+        """The autopilot asks for the parts `mask` of a block; the stations that are to get the request, the newest one
+        last."""
         asked = self._open.pop(block, None)
         if asked is None or now - asked.at > _FORGOTTEN_S:
             order = self._rule.order
             self._order[block] = tuple(sorted(order, key=lambda station: (station != commander, order.index(station))))
-            asked = _Asked(1, now, now)
+            asked = _Asked(1, now, now, mask)
         elif now - asked.since >= self._rule.silence_s:
-            asked = _Asked(asked.count + 1, now, now)
+            asked = _Asked(asked.count + 1, now, now, mask)
         else:
-            asked = _Asked(asked.count, asked.since, now)
+            asked = _Asked(asked.count, asked.since, now, mask)
         self._open[block] = asked
         while len(self._open) > _MOST_REQUESTS:
             oldest = next(iter(self._open))
@@ -166,12 +170,14 @@ class TerrainRequests:
             del self._order[oldest]
         return self._order[block][: asked.count]
 
-    def answers(self, station: int, block: Block, now: float) -> bool:
-        """A station answers; whether it was asked. The request then waits for the rest of its answer."""
+    def answers(self, station: int, block: Block, part: int, now: float) -> bool:
+        """A station answers; whether it was asked for this part. The request then waits for the rest of its answer."""
         asked = self._open.get(block)
         if asked is None or now - asked.at > _FORGOTTEN_S or station not in self._order[block][: asked.count]:
             return False
-        self._open[block] = _Asked(asked.count, now, asked.at)
+        if not asked.mask >> part & 1:
+            return False
+        self._open[block] = _Asked(asked.count, now, asked.at, asked.mask & ~(1 << part))
         return True
 
 

@@ -140,7 +140,7 @@ class Feeds:
         if not rule.named:
             return GateReason.ALLOWED
         if kind is FeedKind.TERRAIN:
-            asked = self._terrain.answers(station, _block(frame), now)
+            asked = self._terrain.answers(station, _block(frame), field_int(frame, "gridbit"), now)
             return GateReason.ALLOWED if asked else GateReason.FEED_STANDBY
         return self._offer(frame, kind, station, now)
 
@@ -180,7 +180,8 @@ class Feeds:
         if not self.sources[FeedKind.TERRAIN].rule.named:
             return receivers
         try:
-            asked = self._terrain.ask(_block(frame), self._in_force.view.commander, now)
+            mask = field_int(frame, "mask")
+            asked = self._terrain.ask(_block(frame), self._in_force.view.commander, now, mask)
         except Exception:
             self._fault("feeds", traceback.format_exc(limit=-3))
             return receivers

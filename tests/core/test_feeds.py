@@ -174,29 +174,36 @@ class TestTerrain:
 
     def test_the_commander_is_asked_first_and_then_the_others_in_their_order(self) -> None:
         requests = TerrainRequests(FeedRule(4.0, (A, B, C), named=True))
-        found = [requests.ask(self.BLOCK, B, now) for now in (0.0, 2.0, 4.0, 6.0, 8.0, 10.0, 12.0, 14.0)]
+        found = [requests.ask(self.BLOCK, B, now, 3) for now in (0.0, 2.0, 4.0, 6.0, 8.0, 10.0, 12.0, 14.0)]
         assert found == [(B,), (B,), (B, A), (B, A), (B, A, C), (B, A, C), (B, A, C), (B, A, C)]
 
     def test_a_commander_that_is_not_named_is_not_asked(self) -> None:
         requests = TerrainRequests(FeedRule(4.0, (A,), named=True))
-        assert requests.ask(self.BLOCK, B, 0.0) == (A,)
-        assert requests.ask(self.BLOCK, B, 9.0) == (A,)
+        assert requests.ask(self.BLOCK, B, 0.0, 3) == (A,)
+        assert requests.ask(self.BLOCK, B, 9.0, 3) == (A,)
 
     def test_a_station_answers_what_it_was_asked_and_nothing_else(self) -> None:
         requests = TerrainRequests(FeedRule(4.0, (A, B), named=True))
-        assert not requests.answers(A, self.BLOCK, 0.0)
-        requests.ask(self.BLOCK, A, 0.0)
-        assert requests.answers(A, self.BLOCK, 1.0)
-        assert not requests.answers(B, self.BLOCK, 1.0)
-        assert not requests.answers(A, (1, 2, 3), 1.0)
-        assert requests.ask(self.BLOCK, A, 4.5) == (A,), "it is at it"
-        assert requests.ask(self.BLOCK, A, 5.5) == (A, B)
-        assert requests.answers(B, self.BLOCK, 6.0)
-        assert not requests.answers(B, self.BLOCK, 60.0), "long forgotten"
+        assert not requests.answers(A, self.BLOCK, 0, 0.0)
+        requests.ask(self.BLOCK, A, 0.0, 3)
+        assert requests.answers(A, self.BLOCK, 0, 1.0)
+        assert not requests.answers(B, self.BLOCK, 0, 1.0)
+        assert not requests.answers(A, (1, 2, 3), 0, 1.0)
+        assert requests.ask(self.BLOCK, A, 4.5, 3) == (A,), "it is at it"
+        assert requests.ask(self.BLOCK, A, 5.5, 3) == (A, B)
+        assert requests.answers(B, self.BLOCK, 0, 6.0)
+        assert not requests.answers(B, self.BLOCK, 0, 60.0), "long forgotten"
+
+    def test_a_part_that_was_not_asked_for_or_is_answered_is_not_taken(self) -> None:
+        requests = TerrainRequests(FeedRule(4.0, (A, B), named=True))
+        requests.ask(self.BLOCK, A, 0.0, 0b101)
+        assert [requests.answers(A, self.BLOCK, part, 1.0) for part in (0, 1, 2, 0)] == [True, False, True, False]
+        requests.ask(self.BLOCK, A, 2.0, 0b001)
+        assert [requests.answers(A, self.BLOCK, part, 3.0) for part in (0, 2)] == [True, False]
 
     def test_the_open_requests_are_bounded(self) -> None:
         requests = TerrainRequests(FeedRule(4.0, (A,), named=True))
         for number in range(1000):
-            requests.ask((number, 0, 100), A, number / 1000)
-        assert not requests.answers(A, (900, 0, 100), 1.0)
-        assert requests.answers(A, (999, 0, 100), 1.0)
+            requests.ask((number, 0, 100), A, number / 1000, 1)
+        assert not requests.answers(A, (900, 0, 100), 0, 1.0)
+        assert requests.answers(A, (999, 0, 100), 0, 1.0)

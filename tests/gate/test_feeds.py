@@ -249,7 +249,7 @@ SENSELESS = [
 def test_values_that_cannot_be_do_not_pass(make: Make, name: str, fields: dict[str, Any]) -> None:
     door = door_with(settings(GCSA, kinds=list(FeedKind)))
     if name == "TERRAIN_DATA":
-        door.down(make("TERRAIN_REQUEST", sysid=VEHICLE, compid=1))
+        door.down(make("TERRAIN_REQUEST", sysid=VEHICLE, compid=1, mask=1))
     assert door.up(A, make(name, **fields)).verdict.reason is GateReason.FEED_SENSELESS
     assert door.up(A, make(name)).verdict.fate is Fate.FORWARD
 
@@ -269,7 +269,7 @@ def test_terrain_that_no_request_asked_for_does_not_pass(make: Make) -> None:
     block = {"lat": 520_000_000, "lon": 40_000_000, "grid_spacing": 100}
     data = {sysid: make("TERRAIN_DATA", sysid=sysid, **block) for sysid in (GCSA, GCSB, GCSC)}
     assert door.up(A, data[GCSA]).verdict.fate is Fate.DROP
-    door.down(make("TERRAIN_REQUEST", sysid=VEHICLE, compid=1, **block))
+    door.down(make("TERRAIN_REQUEST", sysid=VEHICLE, compid=1, mask=1, **block))
     assert door.up(A, data[GCSA]).verdict.fate is Fate.FORWARD
     assert door.up(B, data[GCSB]).verdict.reason is GateReason.FEED_STANDBY
     assert door.up(C, data[GCSC]).verdict.reason is GateReason.FEED_NOT_NAMED
@@ -277,7 +277,7 @@ def test_terrain_that_no_request_asked_for_does_not_pass(make: Make) -> None:
 
 def test_without_a_configuration_the_commander_alone_hears_the_request(make: Make) -> None:
     door = door_with(FeedSettings())
-    assert door.down(make("TERRAIN_REQUEST", sysid=VEHICLE, compid=1)) == {GCSA}
+    assert door.down(make("TERRAIN_REQUEST", sysid=VEHICLE, compid=1, mask=1)) == {GCSA}
 
 
 def test_a_fault_of_the_feeds_drops_feeds_and_nothing_else(make: Make, monkeypatch: pytest.MonkeyPatch) -> None:
