@@ -7,6 +7,8 @@ none, the vehicle tells all other stations, and gives control to the first that 
 commands no aircraft any more, and after WAIT_S at the latest. An aircraft that no station has taken has lost its
 commander then.
 
+The releases come before the lines about them, and a fault in one step stops no other: often the terminal is gone.
+
 The thread that ends the program waits; the main loop does the rest. Times are monotonic seconds.
 """
 
@@ -14,6 +16,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable, Iterable, Sequence
+from functools import partial
 from math import inf
 from typing import Final, Protocol
 
@@ -77,21 +80,34 @@ class Closing:
     def _begin(self, now: float) -> None:
         self._until = now + WAIT_S
         self._offered = [each for each in self._aircraft if each.state.flown_from_here]
+        jobs: list[Callable[[], None]] = []
+        for each in self._offered:
+            release = partial(each.commands.run, ["release"])
+            # without our companion a release is asked for twice, and tells all others
+            jobs += [release, release] if each.core.control.in_use else [release]
         if self._offered:
             offer = f"This station ends, and offers {_names(self._offered)} to the other stations"
-            self._tell(f"{offer}, for at most {WAIT_S:.0f} s.")
-        for each in self._offered:
-            each.commands.run(["release"])
-            if each.core.control.in_use:  # without our companion a release is asked for twice, and tells all others
-                each.commands.run(["release"])
+            jobs.append(partial(self._tell, f"{offer}, for at most {WAIT_S:.0f} s."))
+        _run_all(jobs)
 
     def _end(self, left: Sequence[Flown]) -> None:
-        for each in left:
-            name = each.core.vehicle_name
-            self._tell(f"No station has taken {name}. It loses its commander now, and acts by itself.")
-        self._done.set()
-        if self._then is not None:
-            self._then()
+        lost = "It loses its commander now, and acts by itself."
+        jobs: list[Callable[[], None]] = [
+            partial(self._tell, f"No station has taken {each.core.vehicle_name}. {lost}") for each in left
+        ]
+        _run_all([*jobs, self._done.set, *([] if self._then is None else [self._then])])
+
+
+def _run_all(jobs: Iterable[Callable[[], None]]) -> None:
+    """Run every job, also after one that fails; then raise the first fault. A terminal that is gone is such a fault."""
+    faults = []
+    for job in jobs:
+        try:
+            job()
+        except Exception as fault:
+            faults.append(fault)
+    if faults:
+        raise faults[0]
 
 
 def _names(aircraft: Iterable[Flown]) -> str:

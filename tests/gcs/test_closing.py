@@ -124,3 +124,37 @@ def test_the_waiting_thread_goes_on_when_it_is_over() -> None:
     made.tick(NOW + 0.1)
     waits.join(5.0)
     assert not waits.is_alive()
+
+
+def test_a_terminal_that_is_gone_stops_no_release_and_no_end() -> None:
+    """SIGHUP is one of the ways to end: the first line may fail."""
+    craft = Craft()
+
+    def gone(_text: str) -> None:
+        raise OSError(5, "Input/output error")
+
+    made, ended = Closing([craft], gone), list[bool]()
+    made.ask(lambda: ended.append(True))
+    with pytest.raises(OSError, match="Input/output error"):
+        made.tick(NOW)
+    assert craft.typed == [["release"]]
+    with pytest.raises(OSError, match="Input/output error"):
+        made.tick(NOW + WAIT_S)
+    assert ended == [True]
+    made.tick(NOW + WAIT_S + 1.0)
+    assert ended == [True]
+
+
+def test_a_fault_at_one_aircraft_keeps_no_other_one_from_being_released() -> None:
+    first, second = Craft(), Craft("drone-2")
+
+    def fails(_args: list[str]) -> None:
+        raise RuntimeError("a fault")
+
+    first.commands.run = fails
+    made, told = closing(first, second)
+    made.ask(lambda: None)
+    with pytest.raises(RuntimeError, match="a fault"):
+        made.tick(NOW)
+    assert second.typed == [["release"]]
+    assert len(told) == 1
