@@ -15,7 +15,7 @@ Rules that live here
 from __future__ import annotations
 
 import hmac
-from collections.abc import Awaitable, Callable, MutableMapping
+from collections.abc import Awaitable, Callable, Mapping, MutableMapping
 from http.cookies import CookieError, SimpleCookie
 from ipaddress import ip_address
 from typing import Any, Final
@@ -70,7 +70,7 @@ class WebAuth:
         headers = {name.lower(): value.decode("latin-1") for name, value in scope["headers"]}
         host = headers.get(b"host", "")
         origin = headers.get(b"origin")
-        if not self._ours(host) or (origin is not None and _host_of(origin) != host):
+        if not self._ours(host) or (origin is not None and _host_of(origin) != host) or _of_another_page(headers):
             await self._refuse(scope, send, 421, "this page is not known by that name")
         elif self._token is None or self._fits(_cookie(headers.get(b"cookie", ""), self._cookie)):
             if scope["type"] == "http" and scope["path"] == "/" and b"text/html" not in _accepted(scope):
@@ -131,6 +131,15 @@ class WebAuth:
             await send(message)
 
         return marked
+
+
+def _of_another_page(headers: Mapping[bytes, str]) -> bool:
+    """Whether a browser says that a page from elsewhere makes the request, and not a person who opens the address.
+
+    Such a request for data may have no Origin. Its answer is not shown to that page, but it costs memory here.
+    """
+    elsewhere = headers.get(b"sec-fetch-site", "") in ("cross-site", "same-site")
+    return elsewhere and headers.get(b"sec-fetch-mode", "") != "navigate"
 
 
 def _host_of(origin: str) -> str:

@@ -75,6 +75,23 @@ def test_pages_from_elsewhere_get_nothing(kind: str, origin: str) -> None:
     assert "inside" in ask(None, kind, origin="http://127.0.0.1:8090")
 
 
+@pytest.mark.parametrize(
+    ("site", "mode", "served"),
+    [
+        ("cross-site", "no-cors", False),
+        ("same-site", "no-cors", False),
+        ("same-site", "websocket", False),
+        ("same-origin", "cors", True),
+        ("none", "navigate", True),
+        ("cross-site", "navigate", True),
+    ],
+)
+def test_what_a_page_from_elsewhere_asks_for_without_an_origin_is_refused(site: str, mode: str, served: bool) -> None:
+    headers = {"sec-fetch-site": site, "sec-fetch-mode": mode}
+    assert ("inside" in ask(None, path="/_nicegui_ws/socket.io/", **headers)) is served
+    assert ("inside" in ask(TOKEN, cookie=f"{COOKIE}={TOKEN}", **headers)) is served
+
+
 @pytest.mark.parametrize("path", ["/", "/watch/watch.js", "/_nicegui_ws/socket.io/"])
 @pytest.mark.parametrize("kind", ["http", "websocket"])
 @pytest.mark.parametrize("cookie", ["", f"{COOKIE}=wrong", f"{COOKIE}=", f"x={TOKEN}", f'{COOKIE}="', "\xe4=\xff"])
