@@ -152,8 +152,7 @@ class TerrainRequests:
         self._order: dict[Block, tuple[int, ...]] = {}
 
     def ask(self, block: Block, commander: int | None, now: float, mask: int) -> tuple[int, ...]:
-        """The autopilot asks for the parts `mask` of a block; the stations that are to get the request, the newest one
-        last."""
+        """The autopilot asks for parts of a block (`mask`). Returns the stations that are to get it, newest last."""
         asked = self._open.pop(block, None)
         if asked is None or now - asked.at > _FORGOTTEN_S:
             order = self._rule.order

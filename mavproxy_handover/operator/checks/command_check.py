@@ -218,8 +218,8 @@ class CommandCheck:
             self._kept_radius_m, self._kept_mps, self._kept_aim = 0.0, None, None
 
     def target(self, aim: Aim, station: int, now: float, program: str = "") -> bool:
-        """Whether a stream of targets of the commander, or of a program by its delegation, may lead there.
-        `program`: its name."""
+        """Whether a stream of targets of the commander may lead there. `program`: the name of one that it is from, by
+        its delegation."""
         port = self._reports.message_sender.ports[station]
         word, budget = (f"target of {program}", self._of_programs) if program else ("target", self._judgements)
         passes = self._rule(port, Kind.TARGET, word, _Copy(aim), now, lambda: self._to(aim), budget=budget).passes
