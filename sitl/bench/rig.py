@@ -369,11 +369,19 @@ class _Console:
         """Nothing is shown."""
 
 
+class _Prompt:
+    """MAVProxy's prompt, which no operator sees here."""
+
+    def set_prompt(self, text: str) -> None:
+        """Nothing is shown."""
+
+
 class Host:
     """One module in its MAVProxy. `master` is MAVProxy's link to the vehicle's side: it needs `write(bytes)`."""
 
     def __init__(self, loop: Loop, master: Any, sysid: int, component: int) -> None:
         self.console = _Console()
+        self.rl = _Prompt()
         self.settings = MPSettings(
             [
                 MPSetting("heartbeat", float, 1),

@@ -12,8 +12,8 @@ A way is a list of straight pieces (`Piece`). The energy of a piece is power tim
   With wh ahead and wx across, the speed made good is min(told, sqrt(va^2 - wx^2) - wh); 0 or less: the piece is not to
   be flown at all, its need is infinite. A tail wind counts as calm: on the way back it is a head wind.
 * Each piece is flown from rest to rest: speeding up and braking cost speed / `ACCELERATION_MPSS` seconds. A piece of a
-  curve, through which it flies on, costs nothing of that, and a corner a part (`stops`). Straight up or down it costs
-  speed / `CLIMB_ACCELERATION_MPSS`.
+  curve, through which it flies on, costs nothing of that, and a corner a part (`stops`). Up or down it costs
+  speed / `CLIMB_ACCELERATION_MPSS`, on a way that leads anywhere too: a longer way is never the cheaper one.
 * Climb, descent and waiting stand against the same wind.
 * An aircraft that `holds_airspeed` keeps the commanded airspeed, and the power for it. The wind adds to its ground
   speed, or takes from it, and it flies against a cross wind at an angle. It waits by circling. It goes straight up or
@@ -119,7 +119,7 @@ class Piece(NamedTuple):
 
     @property
     def vertical_stops_s(self) -> float:
-        """What speeding up and braking add to a way straight up or down."""
+        """How much longer climb or descent takes by speeding up and braking."""
         fastest = CLIMB_MPS if self.climb_m > 0.0 else DESCENT_MPS if self.descent_m > self.landing_m else LANDING_MPS
         size_m = max(self.climb_m, self.descent_m)
         return _duration_s(size_m, fastest, self.stops, CLIMB_ACCELERATION_MPSS) - size_m / fastest
@@ -219,7 +219,7 @@ class EnergyModel:
             if made.speed_mps <= 0.0:
                 return inf
             level_w, level_s = max(made.power_w, still_w), _duration_s(piece.length_m, made.speed_mps, piece.stops)
-        vertical_s = piece.vertical_s + (piece.vertical_stops_s if piece.length_m == 0.0 else 0.0)
+        vertical_s = piece.vertical_s + piece.vertical_stops_s
         joules = level_w * max(level_s, vertical_s) + still_w * piece.hold_s
         if vertical_s > 0.0:
             climb_s = vertical_s if piece.descent_m == 0.0 else piece.climb_m / CLIMB_MPS

@@ -126,10 +126,10 @@ def test_a_wind_that_nobody_knows_blows_from_ahead_wherever_it_flies() -> None:
         # too low for that speed: 2 sqrt(0.2 / 1.0) s
         (landing(0.2), Wind(0.0, 0.0), 289.8),
         (landing(-3.0), Wind(0.0, 0.0), 0.0),
-        # the climb is on the way: 72 W more for 20 s
-        (Piece(length_m=900.0, climb_m=50.0), Wind(0.0, 0.0), 43_973.3),
-        # it takes longer than the way: 20 s at 440 W and 72 W
-        (Piece(length_m=24.0, climb_m=50.0), Wind(0.0, 0.0), 10_240.0),
+        # the climb is on the way: 72 W more for 22.5 s
+        (Piece(length_m=900.0, climb_m=50.0), Wind(0.0, 0.0), 44_153.3),
+        # it takes longer than the way: 22.5 s at 440 W and 72 W
+        (Piece(length_m=24.0, climb_m=50.0), Wind(0.0, 0.0), 11_520.0),
         (Piece(length_m=1.0), Wind(10.0, NORTH), inf),
         # straight down it comes in any wind
         (Piece(descent_m=30.0), Wind(20.0, NORTH), 8_686.0),
