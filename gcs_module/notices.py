@@ -157,7 +157,7 @@ NOTICES: Final[Mapping[str, Row]] = {
         "Answer the open question."),
     "control_allowed": Row(
         "consent", "{station} may take {vehicle} for {window_s} s.",
-        "The manager is told that a request is granted without a question now.", _NOTHING),
+        "Takeover is allowed. The manager grants the next request without a question.", _NOTHING),
     "control_not_taken": Row(
         "aborted", "{station} has not taken {vehicle} within {window_s} s. {own} keeps it.",
         "The other station did not repeat its request in time. Takeover is forbidden again.",

@@ -225,8 +225,8 @@ class Feeds:
             self._told_at[station, kind, reason] = now
             text = f"{NAMES[kind]} of {self._names[station]} are not used: {self._why(station, kind, reason)}."
             # another base is of interest to the commander, too
-            whom = None if reason is GateReason.FEED_PLACE else station
-            self.untold.append(FeedNews(kind, text, whom, None))
+            receiver = None if reason is GateReason.FEED_PLACE else station
+            self.untold.append(FeedNews(kind, text, receiver, None))
         return reason
 
     def _why(self, station: int, kind: FeedKind, reason: GateReason) -> str:

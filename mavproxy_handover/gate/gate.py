@@ -181,8 +181,8 @@ class Gate:
         passed.note()
         passed.stale_streams.tick(self._in_force.view.commander, now)
         self.downloads.tick(now)
-        passed.feeds.tick(now)
         self._replies.tell_streams(passed.stale_streams, now)
+        passed.feeds.tick(now)  # last: a fault here costs only the news of feeds
         self._replies.tell_feeds(passed.feeds, now)
 
     def unsaid(self, frame: Frame) -> str:

@@ -273,8 +273,8 @@ def test_from_where_on_there_is_no_way_back(small):
 
 
 def test_a_rally_point_on_the_way_moves_the_point_of_no_return(small):
-    # at 278.3 m, right above it, 0.34 Wh are too many, and from d m behind it, too short a way for 5 m/s, it takes
-    # 370 W for 2 sqrt(d / 1.5) s: 0.34 - 0.0213 d - 0.1678 sqrt(d) is nothing at 2.8 m
+    # At 278.3 m, above the rally point, 0.34 Wh are left over. The way back from d m past it is too short for 5 m/s: it
+    # takes 370 W for 2 sqrt(d / 1.5) s. 0.34 - 0.0213 d - 0.1678 sqrt(d) is 0 at d = 2.8 m.
     assert budget(small, battery=14.0).no_return_m == pytest.approx(281.1, abs=1.0)
 
 

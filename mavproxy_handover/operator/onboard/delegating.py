@@ -7,7 +7,8 @@ ordered, and does what follows at the end, in this order:
 
 1. A velocity of zero goes to the autopilot, so that no stream goes on. It goes before the command that ended it.
 2. A hold is ordered, and confirmed by the mode; not if a command or a decision leads the aircraft elsewhere.
-3. The commander is told that it is over and why, and then whether the hold is confirmed. The program is told too.
+3. The commander and the program are told that the delegation is over, and why. Later the commander is told whether the
+   hold is confirmed.
 
 Each step is for itself: a fault in one costs neither the hold nor the command that ended the delegation.
 """
