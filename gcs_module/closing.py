@@ -30,6 +30,8 @@ __all__ = ["WAIT_S", "Closing", "Flown"]
 WAIT_S: Final = 10.0
 #: a main loop that stands still keeps nothing from ending: this much longer (s) is waited for it
 _STALLED_S: Final = 2.0
+#: pieces of that wait
+_PIECES: Final = 120
 
 
 class Flown(Protocol):
@@ -63,9 +65,14 @@ class Closing:
         self._asked.set()
 
     def wait(self) -> None:
-        """The same for another thread: returns when that is over, or if the main loop does not get to it."""
+        """The same for another thread: returns when that is over, or if the main loop does not get to it.
+
+        It waits in short pieces. A signal that comes just before a wait begins does not interrupt it.
+        """
         self._asked.set()
-        self._done.wait(WAIT_S + _STALLED_S)
+        for _ in range(_PIECES):
+            if self._done.wait((WAIT_S + _STALLED_S) / _PIECES):
+                return
 
     def tick(self, now: float) -> None:
         """To be called often by the main loop."""

@@ -103,12 +103,13 @@ def test_on_the_ground_it_ends_at_once() -> None:
 
 
 def test_a_main_loop_that_stands_still_keeps_nothing_from_ending(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(closing_module, "WAIT_S", 0.2)
-    monkeypatch.setattr(closing_module, "_STALLED_S", 0.1)
     made, _told = closing(Craft())
-    began = time.monotonic()
+    waited: list[float] = []
+    never = SimpleNamespace(wait=lambda seconds: bool(waited.append(seconds)))
+    monkeypatch.setattr(made, "_done", never)
     made.wait()
-    assert 0.25 < time.monotonic() - began < 5.0
+    assert sum(waited) == pytest.approx(closing_module.WAIT_S + closing_module._STALLED_S)
+    assert max(waited) <= 0.1, "a signal just before one of them is noticed soon"
 
 
 def test_the_waiting_thread_goes_on_when_it_is_over() -> None:
