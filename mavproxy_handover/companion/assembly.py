@@ -123,7 +123,7 @@ def base_of(running: Running, ports: Mapping[int, StationPort], edge: Edge) -> B
     in_force = AuthorityInForce()
     operators = Operators({entry.station.sysid: entry.operator_id for entry in config.stations if entry.operator_id})
     onboard = tuple(program.rights.component for program in config.onboard)
-    settings = GateSettings(config.observers, config.feeds, operators, onboard)
+    settings = GateSettings(config.observers, config.feeds, operators, onboard, edge.budget)
     passed = PassedFrames(config.sysid, ports, settings, in_force, edge.write_autopilot, faults.report)
 
     def write_autopilot(data: bytes) -> None:
@@ -176,7 +176,7 @@ def parts_of(running: Running, base: Base, edge: Edge, hub: Hub) -> Parts:
     reports = Reports(event_log, message_sender, fault)
     mission = MissionSurroundings(base.packages.save, close_mission_files, lambda: base.passed.list_open)
     try:
-        autopilot = assemble(running, authority, reports, mission, edge.clocks, edge.nonce, edge.box)
+        autopilot = assemble(running, authority, reports, mission, edge.clocks, edge.nonce, edge.budget, edge.box)
     except Exception:
         base.close()
         raise
@@ -191,6 +191,7 @@ def parts_of(running: Running, base: Base, edge: Edge, hub: Hub) -> Parts:
         reports,
         lambda: announcer.action,
         edge.write_autopilot,
+        edge.budget,
     )
     matters = CompanionMatters(
         autopilot.command_check.target,

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 from mavproxy_handover.config.running import Running
 from mavproxy_handover.core.common.model import AuthorityView
+from mavproxy_handover.gate.line_budget import LineBudget
 from mavproxy_handover.monitors.borders import BorderMonitor
 from mavproxy_handover.monitors.conditions import ConditionMonitor
 from mavproxy_handover.monitors.energy import EnergyMonitor
@@ -89,10 +90,11 @@ def assemble(
     around: MissionSurroundings,
     clocks: Clocks,
     nonce: int,
+    budget: LineBudget,
     box: Box | None = None,
 ) -> Autopilot:
-    """Construct the parts for one vehicle. `nonce`: of this run's leases, never 0; `box`: the position box, if there
-    is one."""
+    """Construct the parts for one vehicle. `nonce`: of this run's leases, never 0; `budget`: that of the line to the
+    autopilot; `box`: the position box, if there is one."""
     config, key = running.config, running.guard_key
     state = VehicleState()
     conversations = Conversations(reports.message_sender.to_autopilot, reports.fault)
@@ -105,7 +107,14 @@ def assemble(
     guard = Guard(config.sysid, state, leases, guard_link, reports, clocks.monotonic)
     sensors = frozenset(sensor for program in config.onboard for sensor in program.rights.sensors)
     preflight = Preflight(
-        config.sysid, state, config.limits, conversations, reports.event_log.preflight, config.energy, sensors
+        config.sysid,
+        state,
+        config.limits,
+        conversations,
+        reports.event_log.preflight,
+        config.energy,
+        sensors,
+        budget.finding,
     )
     streams = Streams(context.procedures, reports.message_sender.ask_rates)
     telemetry = Telemetry(state, authority.arbiter.zones, reports, clocks.utc, config.limits.position_stale_s)

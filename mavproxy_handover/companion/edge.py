@@ -5,8 +5,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
+from mavproxy_handover.gate.line_budget import LineBudget
 from mavproxy_handover.monitors.position.source import Box
 from mavproxy_handover.operator.onboard.port import OnboardPort
 from mavproxy_handover.tools.clocks import Clocks
@@ -29,3 +30,5 @@ class Edge:
     box: Box | None = None
     #: the onboard programs, each with its open link
     onboard: tuple[OnboardPort, ...] = ()
+    #: what others than the commander may send on the line to the autopilot
+    budget: LineBudget = field(default_factory=LineBudget)

@@ -39,7 +39,9 @@ from mavproxy_handover.companion.edge import Edge
 from mavproxy_handover.companion.hosting import SharedLog, guarded, refusal, why
 from mavproxy_handover.companion.unloading import UnloadQuestion
 from mavproxy_handover.config.files import VehicleConfig, find_vehicle_config, path_argument
+from mavproxy_handover.config.line_claims import line_claims
 from mavproxy_handover.config.running import Running, forget, keep, load_running
+from mavproxy_handover.gate.line_budget import LineBudget
 from mavproxy_handover.link.autopilot_line import AutopilotLink
 from mavproxy_handover.link.box_line import BoxLine
 from mavproxy_handover.link.devices import Device, parse_device
@@ -117,9 +119,10 @@ class HandoverModule(mp_module.MPModule):
         #: checked in every round of the main loop, so not by name
         self._doors = [(self.settings.get_setting(name), _SETTINGS[name]) for name in self._kept]
         autopilot = None if running.autopilot_key is None else SignedPeer(running.autopilot_key, keeps_sent=True)
-        self._to_autopilot = AutopilotLink(mpstate, lambda: self.master, autopilot, clocks)
+        budget = LineBudget(line_claims(config))
+        self._to_autopilot = AutopilotLink(mpstate, lambda: self.master, autopilot, clocks, budget.line_opened)
         nonce = secrets.randbelow(0xFFFFFFFF) + 1
-        edge = Edge(self._to_autopilot.write, self._show, clocks, nonce, box, onboard)
+        edge = Edge(self._to_autopilot.write, self._show, clocks, nonce, box, onboard, budget)
         self.companion = Companion(running, ports, edge)
         self._box = box
         self._box_holds: list[int] = []

@@ -12,6 +12,7 @@ from mavproxy_handover.core.authority.payload import PayloadAuthority
 from mavproxy_handover.core.common.model import FlightAction
 from mavproxy_handover.gate.in_force import AuthorityInForce
 from mavproxy_handover.gate.intent import Aim
+from mavproxy_handover.gate.line_budget import LineBudget
 from mavproxy_handover.gate.onboard import OnboardMatters
 from mavproxy_handover.gate.policy.onboard import Right
 from mavproxy_handover.operator.base.context import Reports
@@ -39,6 +40,7 @@ def assemble_onboard(
     reports: Reports,
     decision: Callable[[], FlightAction | None],
     to_autopilot: Callable[[bytes], None],
+    budget: LineBudget,
 ) -> OnboardParts:
     """Construct the parts for vehicle `vehicle` (system id). `decision`: the one in force. `to_autopilot` takes whole
     frames."""
@@ -52,7 +54,11 @@ def assemble_onboard(
         return commander is not None and autopilot.command_check.target(aim, commander, now, name)
 
     matters = OnboardMatters(
-        delegating.permits, target_passes, lambda name: payload.holder == name, lambda: autopilot.aircraft.judged_by
+        delegating.permits,
+        target_passes,
+        lambda name: payload.holder == name,
+        lambda: autopilot.aircraft.judged_by,
+        budget.allow,
     )
     around = OnboardSurroundings(matters, to_autopilot, delegating.target_passed, delegating.link_closed)
     return OnboardParts(OnboardPrograms(vehicle, ports, around, reports), delegating)

@@ -89,7 +89,13 @@ ONBOARD: Final = KeyTable(
             "true: its link may leave this machine. Any program that reaches the link then counts as this one",
             default=False,
         ),
-        number("bytes_per_s", 300, 100_000, "all that it sends; the lease needs room on the same line", 10_000.0),
+        number(
+            "bytes_per_s",
+            300,
+            100_000,
+            "all that it sends. All programs and feeds together get half of a serial line",
+            2500.0,
+        ),
     ),
     "One block for each program on the companion that talks MAVLink: ROS 2, MAVSDK, a camera manager, precision "
     "landing. None by default. See docs/onboard-programs.md.",

@@ -15,6 +15,7 @@ from typing import Any, Final
 from pymavlink.dialects.v20 import handover as mavlink
 
 from mavproxy_handover.cli.guard import version_of
+from mavproxy_handover.config.line_claims import line_finding
 from mavproxy_handover.config.vehicle import VehicleConfig
 from mavproxy_handover.core.common.model import GuardState
 from mavproxy_handover.doctor.advice import advice
@@ -26,6 +27,7 @@ from mavproxy_handover.doctor.line import RATES, here, line_findings, usable
 from mavproxy_handover.doctor.second_route import BEATS_S, second_routes
 from mavproxy_handover.doctor.talk import Talk
 from mavproxy_handover.link.devices import DeviceSpec, Kind, LinkError, open_device, parse_device
+from mavproxy_handover.link.line_writer import has_rate
 from mavproxy_handover.mission.heights import above_sea
 from mavproxy_handover.monitors.preflight import rules
 from mavproxy_handover.monitors.preflight.own_failsafes import plan_facts
@@ -52,6 +54,9 @@ _OFF_S: Final = 5.0
 _GRAVE_S: Final = 30.0
 _KINDS: Final = {0: "-dev", 64: "-alpha", 128: "-beta", 192: "-rc"}
 _NAME: Final = "autopilot"
+_FULL: Final = (
+    "Raise the baud rate here and in SERIALn_BAUD, or lower bytes_per_s in [[onboard]] and rtk_bytes_per_s in [feeds]."
+)
 
 
 def autopilot(context: CheckContext) -> Iterator[Finding]:
@@ -78,6 +83,9 @@ def autopilot(context: CheckContext) -> Iterator[Finding]:
         yield from findings
         if not usable(findings):
             return
+        full = line_finding(vehicle, spec.port) if has_rate(str(context.at(Path(spec.host)))) else ""
+        if full:
+            yield warning("the autopilot's line", full, _FULL)
         spec = here(context, spec)
     try:
         peer = None if vehicle.autopilot_key is None else SignedPeer(_key(context, vehicle.autopilot_key))

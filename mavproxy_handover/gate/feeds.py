@@ -25,12 +25,13 @@ from typing import Final, NamedTuple
 from mavproxy_handover.core.feeds import BasePlaces, Block, FeedKind, FeedSettings, Source, TerrainRequests, Unnamed
 from mavproxy_handover.gate.in_force import AuthorityInForce
 from mavproxy_handover.gate.judge import Fate, GateReason, Verdict
+from mavproxy_handover.gate.line_budget import LineBudget
 from mavproxy_handover.gate.policy.messages import FEED_MESSAGES
 from mavproxy_handover.wire.frames import Frame, field_bytes, field_float, field_int
 from mavproxy_handover.wire.message_ids import MESSAGE_IDS
 from mavproxy_handover.wire.rtcm import INJECTED_BYTES, RTCM_BYTES, BaseReader
 
-__all__ = ["KINDS", "NAMES", "REMIND_S", "FeedNews", "Feeds"]
+__all__ = ["KINDS", "NAMES", "REMIND_S", "FeedNews", "Feeds", "feed_bytes_per_s"]
 
 #: message id -> kind of feed
 KINDS: Final[Mapping[int, FeedKind]] = {
@@ -72,6 +73,11 @@ _CONSUME: Final = Fate.CONSUME
 _FEED: Final = GateReason.FEED
 
 
+def feed_bytes_per_s(kind: FeedKind, settings: FeedSettings) -> float:
+    """The limit of a feed of one station."""
+    return _BYTES_PER_S.get(kind, settings.rtk_bytes_per_s)
+
+
 class FeedNews(NamedTuple):
     """A text for people. `station`: the one that it is for; None: all. `source`: the station that is the source now."""
 
@@ -95,6 +101,7 @@ class Feeds:
         settings: FeedSettings,
         names: Mapping[int, str],
         in_force: AuthorityInForce,
+        budget: LineBudget,
         fault: Callable[[str, str], None],
     ) -> None:
         self.untold: list[FeedNews] = []
@@ -102,6 +109,7 @@ class Feeds:
         self._settings = settings
         self._names = names
         self._in_force = in_force
+        self._budget = budget
         self._fault = fault
         self._terrain = TerrainRequests(settings.rules[FeedKind.TERRAIN])
         self._places = BasePlaces(settings.rtk_apart_m)
@@ -118,7 +126,10 @@ class Feeds:
         if verdict.fate is not _CONSUME or verdict.reason is not _FEED:
             return verdict
         try:
-            reason = self._reason(frame, KINDS[frame.msgid], station, now)
+            kind = KINDS[frame.msgid]
+            reason = self._reason(frame, kind, station, now)
+            if reason is GateReason.ALLOWED and not self._budget.allow(now, len(frame.raw)):
+                reason = self._tell(station, kind, GateReason.LINE_FULL, now)
         except Exception:
             self._fault("feeds", traceback.format_exc(limit=-3))
             reason = GateReason.FEED_FAULT
@@ -166,7 +177,7 @@ class Feeds:
 
     def _affords(self, station: int, kind: FeedKind, size: int, now: float) -> bool:
         """Whether the limit of a station has `size` bytes left. If so, they are deducted."""
-        rate = _BYTES_PER_S.get(kind, self._settings.rtk_bytes_per_s)
+        rate = feed_bytes_per_s(kind, self._settings)
         purse = self._purses.setdefault((station, kind), _Purse(rate * _RESERVE_S, now))
         purse.left = min(rate * _RESERVE_S, purse.left + max(0.0, now - purse.counted_at) * rate)
         purse.counted_at = now
@@ -239,6 +250,7 @@ class Feeds:
         return {
             GateReason.FEED_NOT_NAMED: f"'{kind.value}' in [feeds] does not name it",
             GateReason.FEED_TOO_MUCH: "too many bytes in a second",
+            GateReason.LINE_FULL: "the line to the autopilot has no more room",
         }.get(reason, str(reason.value))
 
 

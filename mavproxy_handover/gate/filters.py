@@ -43,7 +43,7 @@ from mavproxy_handover.vehicle.profiles import Modes
 from mavproxy_handover.wire.frames import Frame
 from mavproxy_handover.wire.message_ids import COMMAND_MESSAGES, message_ids
 
-__all__ = ["CompanionMatters", "Filter", "Filters"]
+__all__ = ["PAYLOAD_BYTES_PER_S", "CompanionMatters", "Filter", "Filters"]
 
 #: constants, because Python 3.11 takes 0.1 us to look up a member of an enumeration
 _FORWARD: Final = Fate.FORWARD
@@ -64,7 +64,7 @@ _OF_PAYLOAD: Final = message_ids(*PAYLOAD_MESSAGES) | COMMAND_MESSAGES
 _LEADS: Final = STICKS | TARGET_MESSAGES | {mavlink.MAVLINK_MSG_ID_SET_ATTITUDE_TARGET}
 _FILES: Final = frozenset((mavlink.MAVLINK_MSG_ID_FILE_TRANSFER_PROTOCOL,))
 #: bytes a second, and at once, of payload frames of a station that has no flight authority: a stream at 50 Hz
-_PAYLOAD_BYTES_PER_S: Final = 3000.0
+PAYLOAD_BYTES_PER_S: Final = 3000.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -118,7 +118,7 @@ class Filters:
         self._passed = passed
         self._matters = matters
         self._targets = TargetStreams(matters.target_passes)
-        self._payload_room = RateLimit(_PAYLOAD_BYTES_PER_S, _PAYLOAD_BYTES_PER_S)
+        self._payload_room = RateLimit(PAYLOAD_BYTES_PER_S, PAYLOAD_BYTES_PER_S)
         stale = passed.stale_streams.limit
         self.table: tuple[Filter, ...] = (
             Filter("payload commands without payload authority", _PAYLOADS, self._payload, _OF_PAYLOAD),
@@ -209,6 +209,8 @@ class Filters:
         if holds and verdict.reason is GateReason.NOT_IN_CONTROL:
             if not self._payload_room.allow(now, len(frame.raw)):
                 return verdict._replace(fate=refused, reason=GateReason.TOO_OFTEN)
+            if not self._passed.budget.allow(now, len(frame.raw)):
+                return verdict._replace(fate=refused, reason=GateReason.LINE_FULL)
             return verdict._replace(fate=Fate.FORWARD, reason=GateReason.ALLOWED)
         if not holds and verdict.fate is _FORWARD:
             return verdict._replace(fate=refused, reason=GateReason.NOT_PAYLOADS)

@@ -65,7 +65,7 @@ class OnboardRights:
     #: names of the sensor messages that it may send
     sensors: frozenset[str] = frozenset()
     #: bytes a second of all that passes
-    bytes_per_s: float = 10_000.0
+    bytes_per_s: float = 2500.0
     #: ids of these messages
     sensor_ids: frozenset[int] = field(init=False)
 
@@ -136,6 +136,8 @@ class OnboardMatters:
     payload: Callable[[str], bool]
     #: the flight modes of the autopilot's firmware
     modes: Callable[[], Modes]
+    #: whether the line to the autopilot has room for so many bytes at this time; if so, they count
+    has_room: Callable[[float, int], bool]
 
 
 #: frame, verdict so far, time -> the verdict
@@ -195,10 +197,15 @@ class OnboardFilters:
         return verdict
 
     def _size(self, frame: Frame, verdict: Verdict, now: float) -> Verdict:
-        if self._bytes.allow(now, len(frame.raw)):
+        size, reason = len(frame.raw), GateReason.ALLOWED
+        if not self._bytes.allow(now, size):
+            reason = GateReason.TOO_OFTEN
+        elif not self._matters.has_room(now, size):
+            reason = GateReason.LINE_FULL
+        if reason is GateReason.ALLOWED:
             return verdict
         fate = Fate.REFUSE if frame.msgid in COMMAND_MESSAGES else Fate.DROP
-        return verdict._replace(fate=fate, reason=GateReason.TOO_OFTEN)
+        return verdict._replace(fate=fate, reason=reason)
 
 
 _BY_ID: Final = {msgid: sensor.most_hz for sensor in SENSORS.values() for msgid in message_ids(sensor.name)}

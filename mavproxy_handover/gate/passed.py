@@ -22,6 +22,7 @@ from mavproxy_handover.gate.feeds import Feeds
 from mavproxy_handover.gate.flush import Closing, FlushTracker
 from mavproxy_handover.gate.in_force import AuthorityInForce
 from mavproxy_handover.gate.judge import GateReason, Verdict
+from mavproxy_handover.gate.line_budget import LineBudget
 from mavproxy_handover.gate.log_turn import LogTurn
 from mavproxy_handover.gate.observers import ObserverLimits, ObserverRates
 from mavproxy_handover.gate.operators import OperatorNotes
@@ -48,6 +49,8 @@ class GateSettings:
     operators: Operators = field(default_factory=lambda: Operators({}))
     #: the components that onboard programs speak as
     onboard: Collection[int] = ()
+    #: what feeds, onboard programs and payload stations may send together
+    budget: LineBudget = field(default_factory=LineBudget)
 
 
 class PassedFrames:
@@ -74,7 +77,9 @@ class PassedFrames:
         self.stale_streams = StaleStreams(ports)
         self.log_turn = LogTurn()
         self.own_reads = OwnReads()
-        self.feeds = Feeds(settings.feeds, {station: port.name for station, port in ports.items()}, in_force, fault)
+        self.budget = settings.budget
+        names = {station: port.name for station, port in ports.items()}
+        self.feeds = Feeds(settings.feeds, names, in_force, self.budget, fault)
         self.operators = OperatorNotes(settings.operators, fault)
         self.rates = ObserverRates(settings.observers)
         self.downlink = DownlinkPolicy((port.identity for port in ports.values()), self.rates, settings.onboard)

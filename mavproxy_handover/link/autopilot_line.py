@@ -24,7 +24,7 @@ from collections.abc import Callable
 from contextlib import suppress
 from typing import Any, Final
 
-from mavproxy_handover.link.line_writer import LineWriter, is_line
+from mavproxy_handover.link.line_writer import LineWriter, is_line, line_baud
 from mavproxy_handover.tools.clocks import Clocks
 from mavproxy_handover.wire.frames import parse_one
 from mavproxy_handover.wire.signing import SignedPeer
@@ -38,13 +38,23 @@ _STAMP: Final = struct.Struct(">Q")
 
 
 class AutopilotLink:
-    """Takes whole frames. `find` is MAVProxy's search for the link, `peer` the autopilot's key, if there is one."""
+    """Takes whole frames. `find` is MAVProxy's search for the link, `peer` the autopilot's key, if there is one.
+    `rated` is told the baud rate of each line; None: no rate limits it."""
 
-    def __init__(self, mpstate: Any, find: Callable[[], Any], peer: SignedPeer | None, clocks: Clocks) -> None:
+    def __init__(
+        self,
+        mpstate: Any,
+        find: Callable[[], Any],
+        peer: SignedPeer | None,
+        clocks: Clocks,
+        rated: Callable[[int | None], None],
+    ) -> None:
         self._clocks = clocks
         self._mpstate = mpstate
         self._find = find
         self._peer = peer
+        self._rated = rated
+        self._port: Any = None
         self._master: Any = None
         #: the serial line of the link, if it has one with a descriptor (Windows has none)
         self._line: LineWriter | None = None
@@ -56,6 +66,9 @@ class AutopilotLink:
         """Ask MAVProxy again which link leads to the autopilot."""
         self._master = self._find()
         port = getattr(self._master, "port", None)
+        if port is not self._port:
+            self._port = port
+            self._rated(line_baud(port))
         if self._line is None or self._line.port is not port:
             self._line = LineWriter(port) if is_line(port) else None
 

@@ -22,12 +22,26 @@ from pymavlink.dialects.v20 import handover as mavlink
 
 from mavproxy_handover.link.base import OutBuffer
 
-__all__ = ["LEASE_ROOM", "LineWriter", "is_line"]
+__all__ = ["LEASE_ROOM", "LineWriter", "has_rate", "is_line", "line_baud"]
 
 #: several leases
 LEASE_ROOM: Final = 512
 #: the message that the lease travels in, as the head of a frame has it
 _TUNNEL: Final = mavlink.MAVLINK_MSG_ID_TUNNEL.to_bytes(3, "little")
+
+
+#: serial devices of USB, by a part of their path: their baud rate has no effect
+_USB: Final = ("ttyACM", "usbmodem")
+
+
+def has_rate(path: str) -> bool:
+    """Whether the baud rate of the serial device at this path limits it: not if the device is USB itself."""
+    return not any(part in os.path.realpath(path) for part in _USB)
+
+
+def line_baud(port: Any) -> int | None:
+    """The baud rate of a port of MAVProxy's links; None: it has none that limits it (UDP, TCP, USB)."""
+    return port.baudrate if isinstance(port, serial.Serial) and has_rate(str(port.port)) else None
 
 
 def is_line(port: Any) -> bool:

@@ -72,6 +72,12 @@ _WHY: Final = (
         "Have the base send fewer messages, or raise rtk_bytes_per_s in [feeds].",
     ),
     Sentence(
+        "the line to the autopilot has no more room",
+        Level.WARNING,
+        "Feeds, onboard programs and payload stations together fill their half of the serial line.",
+        "Raise the baud rate of the line, or have one of them send less.",
+    ),
+    Sentence(
         "a feed with values that cannot be",
         Level.WARNING,
         "A length, a place or a number in the frame is out of range.",

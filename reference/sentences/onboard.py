@@ -126,6 +126,11 @@ _WHY: Final = (
         "A target came while no delegation was in force.",
     ),
     _warn("it comes more often than its limit", "The message has a highest rate, and the program a number of bytes."),
+    _warn(
+        "the line to the autopilot has no more room",
+        "Feeds, onboard programs and payload stations together fill their half of the serial line.",
+        "Raise the baud rate of the line, or have one of them send less.",
+    ),
     _warn("another has payload authority", "The payload belongs to a station or to another program."),
     _warn("it would leave energy, fence or coverage", "The target is judged as the commander's targets are."),
     _warn("a number in it is none", "A field has NaN or infinity."),

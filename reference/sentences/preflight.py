@@ -96,6 +96,12 @@ _FINDINGS: Final = (
         "Check the sensor on the ground before each flight.",
     ),
     _warn(
+        "line to the autopilot: room for {number} bytes/s at {baud} baud, limits sum to {count} ({claims})",
+        "Feeds, onboard programs and payload stations may send more than their half of the serial line. The rest is "
+        "dropped.",
+        "Raise the baud rate, or lower bytes_per_s in [[onboard]] and rtk_bytes_per_s in [feeds].",
+    ),
+    _warn(
         "scripting is off: the guard does not run", "No guard protects the flight.", "Set SCR_ENABLE to 1, and reboot."
     ),
     _warn(

@@ -27,6 +27,8 @@ _NUMBER: Final = r"-?\d+(?:\.\d+)?"
 
 WORDS: Final[Mapping[str, str]] = {
     "feed": _one_of(NAMES.values()),
+    "baud": r"\d+",
+    "claims": r"[!-~]+(?: [a-z]+)* \d+(?:\.\d+)?(?:, .*)?",
     "feed_key": _one_of(kind.value for kind in FeedKind),
     "apart": rf"{_NUMBER} k?m",
     "word": "START|STOP|CONTINUE",

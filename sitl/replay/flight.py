@@ -36,6 +36,7 @@ from mavproxy_handover.core.common.messages import Message
 from mavproxy_handover.core.common.model import GuardState, Phase
 from mavproxy_handover.core.common.never import assert_never
 from mavproxy_handover.core.common.snapshot import Snapshot
+from mavproxy_handover.gate.line_budget import LineBudget
 from mavproxy_handover.mission.package import MissionPackage
 from mavproxy_handover.operator.base.context import Authority, Reports
 from mavproxy_handover.operator.stations.event_log import EventLog
@@ -167,6 +168,7 @@ class _Flight:
             MissionSurroundings(lambda _package: None, lambda: None, lambda: False),
             clock,
             nonce,
+            LineBudget(),
         )
         if restored is not None and restored.digest:
             self._autopilot.mission.replay(self._prepared, self._now)

@@ -105,6 +105,26 @@ def test_a_wrong_baud_rate_is_found_and_the_right_one_too(
     assert lines[0].received == b"", "to find a rate nothing is sent"
 
 
+def test_limits_that_do_not_fit_the_line(
+    machine: Machine, lines: list[Line], capsys: pytest.CaptureFixture[str]
+) -> None:
+    lines.append(Line(921600))
+    plug(machine, lines[0])
+    more = "".join(
+        f"""
+        [[onboard]]
+        name = "program-{number}"
+        link = "udpin:127.0.0.1:{14600 + number}"
+        component = {25 + number}
+        bytes_per_s = 30000
+        """
+        for number in range(2)
+    )
+    machine.config.write_text(machine.config.read_text() + more)
+    found = machine.doctor(capsys, "--no-links").lines("warning")
+    assert [line for line in found if "room for 46080 bytes/s at 921600 baud, limits sum to 60000" in line]
+
+
 def test_noise_at_every_rate(
     machine: Machine, lines: list[Line], capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -21,6 +21,7 @@ from mavproxy_handover.gate.gate import Gate
 from mavproxy_handover.gate.in_force import AuthorityInForce
 from mavproxy_handover.gate.intent import Aim, Intent
 from mavproxy_handover.gate.judge import Fate, StationIdentity, Verdict
+from mavproxy_handover.gate.line_budget import LineBudget
 from mavproxy_handover.gate.passed import GateSettings, PassedFrames
 from mavproxy_handover.gate.replies import GateReports
 from mavproxy_handover.gate.stale_streams import News
@@ -79,6 +80,7 @@ class Door:
         stations: Sequence[StationIdentity] = (A, B, C),
         to_autopilot: Callable[[bytes], None] | None = None,
         feeds: FeedSettings | None = None,
+        budget: LineBudget | None = None,
     ) -> None:
         """`to_autopilot` takes what passes instead of `passed`."""
         self.ports = {station.sysid: Port(station) for station in stations}
@@ -114,7 +116,7 @@ class Door:
             self._passes, self._allows, self._carries_out, lambda: self.modes, self._commander_sends, self._payload
         )
         in_force = AuthorityInForce()
-        self.settings = GateSettings(feeds=feeds or FeedSettings())
+        self.settings = GateSettings(feeds=feeds or FeedSettings(), budget=budget or LineBudget())
         self.frames = PassedFrames(VEHICLE, self.ports, self.settings, in_force, pass_on, reports.fault)
         self.gate = Gate(VEHICLE, self.ports, in_force, self.frames, pass_on, reports, matters)
 

@@ -160,13 +160,18 @@ def _of(name: str) -> dict[str, int]:
 class Matters:
     """The answers of the companion to the questions of the filters."""
 
-    def __init__(self) -> None:
+    def __init__(self, has_room: Callable[[float, int], bool] = lambda _now, _size: True) -> None:
+        self._has_room = has_room
         self.delegated = self.passes = self.payload = True
         self.asked: list[str] = []
 
     def matters(self) -> OnboardMatters:
         return OnboardMatters(
-            lambda _name, _now: self.delegated, self._target, lambda _name: self.payload, lambda: COPTER.gate
+            lambda _name, _now: self.delegated,
+            self._target,
+            lambda _name: self.payload,
+            lambda: COPTER.gate,
+            self._has_room,
         )
 
     def _target(self, _aim: object, name: str, _now: float) -> bool:

@@ -8,7 +8,7 @@ import os
 import struct
 import time
 import tty
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from types import SimpleNamespace
 from typing import Any
 
@@ -76,10 +76,16 @@ def line() -> Iterator[Line]:
     made.close()
 
 
-def link_to(*masters: Any, log: Log | None = None) -> AutopilotLink:
+def link_to(
+    *masters: Any, log: Log | None = None, rated: Callable[[int | None], None] = lambda _baud: None
+) -> AutopilotLink:
     state = SimpleNamespace(mav_master=list(masters), logqueue=log)
     return AutopilotLink(
-        state, lambda: state.mav_master[-1] if state.mav_master else None, None, Clocks(time.time, time.monotonic)
+        state,
+        lambda: state.mav_master[-1] if state.mav_master else None,
+        None,
+        Clocks(time.time, time.monotonic),
+        rated,
     )
 
 
@@ -87,6 +93,19 @@ def test_a_serial_line_gets_the_frame_without_a_detour(line: Line) -> None:
     link_to(line.master).write(FRAME)
     assert line.arrived() == FRAME
     assert line.master.written == []
+
+
+def test_the_baud_rate_of_each_link_is_told_once(line: Line, monkeypatch: pytest.MonkeyPatch) -> None:
+    found: list[int | None] = []
+    line.port.baudrate = 57600
+    link = link_to(line.master, rated=found.append)
+    for _time in range(3):
+        link.choose()
+    assert found == [57600]
+    monkeypatch.setattr(line.port, "_port", "/dev/ttyACM0")
+    link_to(line.master, rated=found.append).choose()
+    link_to(Master(object()), rated=found.append).choose()
+    assert found == [57600, None, None], "USB and UDP have no rate that limits them"
 
 
 def test_what_the_line_does_not_take_leaves_with_the_next_tick(line: Line, monkeypatch: pytest.MonkeyPatch) -> None:

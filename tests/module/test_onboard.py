@@ -388,6 +388,21 @@ def test_preflight_says_which_sensors_the_autopilot_uses(bench: Bench, program: 
     assert "ODOMETRY of an onboard program is not used: VISO_TYPE is 0" in texts
 
 
+def test_preflight_says_that_the_limits_do_not_fit_the_line(bench: Bench, program: Program) -> None:
+    configure(bench, program, '["sensors"]', 'sensors = ["ODOMETRY"]\nbytes_per_s = 15000')
+    bench.connect()
+    bench.module._to_autopilot._rated(9600)
+    bench.until(lambda: bench.companion.autopilot.preflight.findings is not None, 60.0)
+    texts = [finding.text for finding in bench.companion.autopilot.preflight.findings]
+    assert "line to the autopilot: room for 480 bytes/s at 9600 baud, limits sum to 15000 (precland 15000)" in texts
+    fields = (0, 20, 8, 1.0, 2.0, 3.0, [1.0, 0.0, 0.0, 0.0], *[0.5] * 6, [0.5] * 21, [0.5] * 21)
+    for _round in range(30):
+        program.send(mavlink.MAVLink_odometry_message(*fields))
+    bench.wait(0.5)
+    assert 0 < len(written(bench, "ODOMETRY")) < 30
+    assert "odometry of precland refused: the line to the autopilot has no more room" in program.texts()
+
+
 def test_who_asks_for_the_payload_again_and_again_is_not_told_to_all(bench: Bench, delivery: MissionPackage) -> None:
     bench.config.write_text(bench.config.read_text() + '\n[payload]\ncontrol = "request"\n')
     take_off(bench, delivery)

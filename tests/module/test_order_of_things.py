@@ -112,7 +112,9 @@ def test_with_a_key_of_the_autopilot_what_cannot_be_signed_goes_there_as_it_is()
     """MAVLink 1 has no signatures; whether the autopilot takes it is the autopilot's business."""
     master = Master()
     state = SimpleNamespace(mav_master=[master], logqueue=None)
-    link = AutopilotLink(state, lambda: master, SignedPeer(bytes(range(32))), Clocks(time.time, time.monotonic))
+    link = AutopilotLink(
+        state, lambda: master, SignedPeer(bytes(range(32))), Clocks(time.time, time.monotonic), lambda _baud: None
+    )
     old = bytes(mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 0, 3).pack(mavlink.MAVLink(None, 251, 190), True))
     assert old[0] == 0xFE
     new = bytes(mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 0, 3).pack(mavlink.MAVLink(None, 251, 190)))

@@ -54,9 +54,12 @@ class Preflight:
         report: Callable[[str, str, bool], None],
         energy: EnergySettings = _UNSAID,
         sensors: frozenset[str] = frozenset(),
+        line: Callable[[], str] = str,
     ) -> None:
         """`energy`: the vehicle's own settings, with the number of batteries if the mission does not set it. `sensors`:
-        the sensor messages that onboard programs may send."""
+        the sensor messages that onboard programs may send. `line`: what does not fit the line to the autopilot; "":
+        all fits."""
+        self._line = line
         self._sensors = sensors
         self._sysid = sysid
         self._aircraft = aircraft
@@ -125,8 +128,9 @@ class Preflight:
             parameters = {name: values[name] for name in KNOWN if name in values}
             told = aircraft.foreign, self._heard_on, self._plan, self._gap_s, aircraft.profile, batteries
             found = Found(parameters, guard, firmware, *told, aircraft.home_alt_m, self._misfit)
-            used = tuple(Finding("", text) for text in sensor_findings(values, self._sensors) if parameters)
-            self._conclude((*judge(found, self._limits), *used), now)
+            used = sensor_findings(values, self._sensors) if parameters else ()
+            others = tuple(Finding("", text) for text in (self._line(), *used) if text)
+            self._conclude((*judge(found, self._limits), *others), now)
 
         names = names_of(aircraft.profile, batteries)
         names += tuple(name for name in SENSOR_PARAMETERS if self._sensors and name not in names)

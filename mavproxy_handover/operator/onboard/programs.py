@@ -34,6 +34,7 @@ _WHY: Final = {
     GateReason.NO_RIGHT: "its rights in [[onboard]] do not have it",
     GateReason.NOT_DELEGATED: "no targets are delegated. The commander types 'handover delegate {name}' in GUIDED",
     GateReason.TOO_OFTEN: "it comes more often than its limit",
+    GateReason.LINE_FULL: "the line to the autopilot has no more room",
     GateReason.NOT_PAYLOADS: "another has payload authority",
     GateReason.SITUATION: "it would leave energy, fence or coverage",
     GateReason.NO_NUMBER: "a number in it is none",
