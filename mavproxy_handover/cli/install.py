@@ -7,6 +7,7 @@ A table names the files (`machine.py`). Rules that live here:
 * A file that was changed by hand is not overwritten and not deleted without --force. The digests of written files are
   in a list beside the configuration. Only root may write that list, because root deletes by it.
 * Configuration and keys are written only if there are none, and never removed, except by `uninstall --purge`.
+* The service writes below one folder. Journal and state that the configuration names relative to itself are put there.
 * If the service could not read or write something, the installation is refused before anything is written.
 * With --root nothing of this machine is changed or queried: the files are below that folder, and no program is run.
 """
@@ -43,6 +44,10 @@ _MANIFEST: Final = KEYS.parent / "installed.json"
 _SAMPLES: Final = {"companion": vehicle_sample, "station": station_sample}
 #: folders that the service cannot see: ProtectHome=, PrivateTmp=
 _HIDDEN: Final = ("/home", "/root", "/run/user", "/tmp", "/var/tmp")
+#: the line of a key that names a place relative to the file
+_RELATIVE: Final = re.compile(
+    r"""^(?P<key>[ \t]*(?P<name>journal|state)[ \t]*=[ \t]*)(["'])(?!/)(?P<path>[^"'\\\n]+)\3""", re.M
+)
 #: commands to run after a change of the files; missing programs are reported
 _RELOAD: Final = (("udevadm", "control", "--reload"), ("systemctl", "daemon-reload"))
 _AFTER: Final = (
@@ -72,7 +77,12 @@ def install(argv: Sequence[str]) -> int:
     parser.add_argument(
         "--device", help="companion: the autopilot's line; station: the link, if no [[vehicle]] names it"
     )
-    parser.add_argument("--config", type=Path, help="a configuration, its keys in keys/ beside it (default: a sample)")
+    parser.add_argument(
+        "--config",
+        type=Path,
+        help="a configuration, its keys in keys/ beside it (default: a sample); where it names journal and state "
+        f"relative to itself, they lie below {STATE}",
+    )
     parser.add_argument("--program", help="the command handover (default: of this installation)")
     parser.add_argument("--wifi", metavar="IF[=ADDR/BITS[,GW]]", help="interface with a routing table of its own")
     parser.add_argument("--lte", metavar="IF[=ADDR/BITS[,GW]]", help="the same for the modem")
@@ -242,10 +252,11 @@ def _configuration(kind: str, given: Path | None, root: Path, *, force: bool) ->
         return items, _serial(_load(kind, there)) if there.exists() else []
     given = given.expanduser().resolve()
     loaded = _load(kind, given)
-    for name, place in _written_to(loaded).items():
+    text, moved = _below_state(given.read_text(encoding="utf-8"))
+    for name, place in (_written_to(loaded) | moved).items():
         if not place.is_relative_to(STATE):
             raise ConfigError(f"{given}: {name} = {str(place)!r}: the service may write below {STATE} alone")
-    items = [Item(path, given.read_text(encoding="utf-8"), 0o640, kept=True)]
+    items = [Item(path, text, 0o640, kept=True)]
     for key in sorted({key for key in _keys(loaded) if not key.is_relative_to(KEYS)}):
         if key.parent != given.parent / KEYS.name:
             raise ConfigError(f"{given}: key {key}: keys lie in {KEYS.name}/ beside that file, or in {KEYS}")
@@ -257,6 +268,17 @@ def _configuration(kind: str, given: Path | None, root: Path, *, force: bool) ->
         if _hidden(mission) or (mission.is_relative_to(given.parent) and given != Path(path)):
             raise ConfigError(f"{given}: mission {mission}: put it where the service can read it, e.g. below {STATE}")
     return items, _serial(_load(kind, there) if there.exists() and not force else loaded)
+
+
+def _below_state(text: str) -> tuple[str, dict[str, Path]]:
+    """The text of a configuration with its relative journal and state below STATE, and these places by name."""
+    moved = {}
+
+    def place(line: re.Match[str]) -> str:
+        moved[line["name"]] = Path(os.path.normpath(STATE / line["path"]))
+        return f'{line["key"]}"{moved[line["name"]]}"'
+
+    return _RELATIVE.sub(place, text), moved
 
 
 def _layout(config: VehicleConfig, given: Path, path: PurePosixPath) -> list[Item]:

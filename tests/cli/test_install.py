@@ -527,6 +527,35 @@ def test_a_configuration_comes_with_the_keys_that_it_names(tmp_path: Path, root:
     assert loaded.stations[0].key == key
 
 
+def test_journal_and_state_named_relative_to_the_file_lie_where_the_service_may_write(
+    tmp_path: Path, root: Path
+) -> None:
+    """The fault: the files that `handover init` writes were refused."""
+    given = tmp_path / "mine" / "handover.toml"
+    given.parent.mkdir()
+    text = with_keys(given)
+    text = text.replace('"/var/lib/handover/', '"')
+    assert 'journal = "j.jsonl"' in text
+    assert 'state = "state"' in text
+    given.write_text(text)
+    assert install(root, "companion", "--config", str(given)) == 0
+    loaded = load_vehicle(root / "etc/handover/vehicle.toml")
+    assert loaded.journal == Path("/var/lib/handover/j.jsonl")
+    assert loaded.state == Path("/var/lib/handover/state")
+    assert given.read_text() == text
+
+
+@pytest.mark.parametrize("place", ["/srv/j.jsonl", "../j.jsonl"])
+def test_a_journal_that_the_service_cannot_write_is_refused(
+    place: str, tmp_path: Path, root: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    given = tmp_path / "handover.toml"
+    given.write_text(usable(given).replace("/var/lib/handover/j.jsonl", place))
+    assert install(root, "companion", "--config", str(given)) == 2
+    assert "the service may write below /var/lib/handover alone" in capsys.readouterr().err
+    assert not root.exists()
+
+
 @pytest.mark.parametrize(
     ("named", "more", "error"),
     [
