@@ -234,7 +234,7 @@ HNDO.TIMEOUT = bind_add_param("TIMEOUT", 2, 3)
 --[[
   // @Param: HNDO_LOST_T
   // @DisplayName: Handover lost time
-  // @Description: Time that live leases may say that no station has authority before the vehicle is sent home. The companion, which sends them, is expected to act first. Keep it longer than the companion tries a forced transfer (forced_timeout_s, 2 s).
+  // @Description: Time that live leases may say that no station has authority before the vehicle is sent home. The companion, which sends them, is expected to act first. Keep it longer than the companion tries a forced transfer (forced_timeout_s, 2 s), and half a second longer than it waits for the commander after a restart (recovery_s, 2.5 s).
   // @Range: 0 60
   // @Units: s
   // @User: Standard

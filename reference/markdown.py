@@ -23,8 +23,13 @@ def cell(text: str) -> str:
 
 
 def code(text: str) -> str:
-    """Something that is typed, for a table."""
-    return f"`{' '.join(text.split())}`".replace("|", "\\|") if text else ""
+    """Something that is typed, for a table. Forge and site differ in how they read a `|` in backticks; a tag both read."""
+    line = " ".join(text.split())
+    if "|" not in line:
+        return f"`{line}`" if line else ""
+    for sign, entity in (("&", "&amp;"), ("<", "&lt;"), (">", "&gt;"), ("|", "&#124;")):
+        line = line.replace(sign, entity)
+    return f"<code>{line}</code>"
 
 
 def table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
