@@ -23,7 +23,7 @@ def cell(text: str) -> str:
 
 
 def code(text: str) -> str:
-    """Something that is typed, for a table. Forge and site differ in how they read a `|` in backticks; a tag both read."""
+    """Something that is typed, for a table. A `|` in backticks reads otherwise on a forge than on the site; a tag does not."""
     line = " ".join(text.split())
     if "|" not in line:
         return f"`{line}`" if line else ""

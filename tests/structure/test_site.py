@@ -66,6 +66,18 @@ def test_no_link_text_is_a_file_name() -> None:
     assert found == []
 
 
+def test_what_is_nested_in_a_list_is_indented_by_four() -> None:
+    """The fault: the site took nested items for items of the list, and began each numbered list after a block at 1."""
+    pages = [*(ROOT / "docs").glob("*.md"), *(ROOT / path for path in stage_of()["ELSEWHERE"].values())]
+    found = []
+    for page in pages:
+        prose = re.sub(r"^```.*?^```", "", page.read_text(encoding="utf-8"), flags=re.MULTILINE | re.DOTALL)
+        found += [
+            f"{page.name}: {line}" for line in re.findall(r"^ {1,3}(?:[*-] |\d+\. |```|\|).*", prose, re.MULTILINE)
+        ]
+    assert found == []
+
+
 def stage_of() -> dict[str, Any]:
     """What `docs/site/stage.py` defines; it is in no package."""
     return runpy.run_path(str(ROOT / "docs/site/stage.py"))
