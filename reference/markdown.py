@@ -23,7 +23,7 @@ def cell(text: str) -> str:
 
 
 def code(text: str) -> str:
-    """Something that is typed, for a table. A `|` in backticks reads otherwise on a forge than on the site; a tag does not."""
+    """Something that is typed, for a table. A forge and the site read a `|` in backticks differently, a tag alike."""
     line = " ".join(text.split())
     if "|" not in line:
         return f"`{line}`" if line else ""

@@ -25,11 +25,11 @@ def typed() -> str:
         "## In a shell",
         *(part for command in commands() for part in _command(command)),
         "## At the companion's MAVProxy",
-        "Typed behind `handover`, with the module of the vehicle loaded (`module load handover`). They show, and never "
+        "Typed after `handover`, with the module of the vehicle loaded (`module load handover`). They show, and never "
         "change who commands.",
         table(("typed", "what it does"), _of_console(VehicleCommands(MagicMock(), print))),
         "## At a station's MAVProxy",
-        "Typed behind `handover`, with the module of a station loaded (`module load handover_gcs`). Where the station "
+        "Typed after `handover`, with the module of a station loaded (`module load handover_gcs`). Where the station "
         "has several vehicles, `handover -v NAME ...` says which one is meant; without it, it is the one that MAVProxy "
         "has chosen.",
         table(("typed", "what it does"), _of_console(StationCommands(MagicMock(), our_settings()))),
