@@ -198,7 +198,7 @@ def parts_of(running: Running, base: Base, edge: Edge, hub: Hub) -> Parts:
         lambda intent, station, now: autopilot.command_check.judge(message_sender.ports[station], intent, now).passes,
         autopilot.orders.takes_over,
         lambda: autopilot.aircraft.judged_by,
-        onboard.delegating.commander_sends,
+        onboard.delegating.commander_sends if onboard.delegating.possible else None,
         partial(_payload_station, payload, base),
     )
     gate = Gate(

@@ -56,7 +56,7 @@ _STREAMS: Final[frozenset[_Class]] = frozenset((Access.STREAM,))
 _COMMANDS: Final[frozenset[_Class]] = frozenset((Access.COMMAND,))
 _FEEDS: Final[frozenset[_Class]] = frozenset((Access.FEED,))
 _LOGS: Final[frozenset[_Class]] = frozenset((Access.LOG, Access.BULK))
-_ORDERS: Final[frozenset[_Class]] = frozenset((Access.STREAM, Access.COMMAND, Access.SAFEGUARD))
+_ORDERS: Final[frozenset[_Class]] = frozenset((Access.COMMAND, Access.SAFEGUARD))
 _ALL: Final[frozenset[_Class]] = frozenset(_CLASSES)
 _PAYLOADS: Final[frozenset[_Class]] = frozenset((Access.STREAM, Access.COMMAND))
 _OF_PAYLOAD: Final = message_ids(*PAYLOAD_MESSAGES) | COMMAND_MESSAGES
@@ -79,8 +79,9 @@ class CompanionMatters:
     takes_over: Callable[[Frame], bool]
     #: the flight modes of the autopilot's firmware
     modes: Callable[[], Modes]
-    #: the commander sends a command, a target or sticks: that ends a delegation to an onboard program
-    commander_sends: Callable[[Frame, Verdict, float], None]
+    #: the commander sends a command, a target or sticks: that ends a delegation to an onboard program. None: no program
+    #: can have one
+    commander_sends: Callable[[Frame, Verdict, float], None] | None
     #: the station (system id) that has payload authority; None: no station
     payload: Callable[[], int | None]
 
@@ -132,7 +133,7 @@ class Filters:
             Filter("notes places of operators, keeps out none", _STREAMS, passed.operators.note, REMOTE_ID_MESSAGES),
             Filter("feeds of stations that are not the source", _FEEDS, passed.feeds.limit),
             Filter("log requests while another station reads one", _LOGS, self._log_turn, LOG_REQUESTS | _FILES),
-            Filter("a delegation that the commander ends by what it sends", _ORDERS, self._ends, commands=True),
+            *self._ends(matters.commander_sends),
             Filter("questions of observers while the commander's are open", ASKED, self._question, commands=False),
             Filter("other requests of observers for files", _ALL - ASKED, self._question, _FILES, commands=False),
         )
@@ -216,10 +217,20 @@ class Filters:
             return verdict._replace(fate=refused, reason=GateReason.NOT_PAYLOADS)
         return verdict
 
-    def _ends(self, frame: Frame, verdict: Verdict, _station: int, now: float) -> Verdict:
-        if verdict.access is not Access.STREAM or frame.msgid in _LEADS:
-            self._matters.commander_sends(frame, verdict, now)
-        return verdict
+    @staticmethod
+    def _ends(commander_sends: Callable[[Frame, Verdict, float], None] | None) -> tuple[Filter, ...]:
+        if commander_sends is None:
+            return ()
+
+        def ends(frame: Frame, verdict: Verdict, _station: int, now: float) -> Verdict:
+            commander_sends(frame, verdict, now)
+            return verdict
+
+        what = "a delegation that the commander ends by"
+        return (
+            Filter(f"{what} its sticks and targets", _STREAMS, ends, _LEADS, commands=True),
+            Filter(f"{what} its commands", _ORDERS, ends, commands=True),
+        )
 
     def _question(self, frame: Frame, verdict: Verdict, station: int, now: float) -> Verdict:
         return self._passed.questions.limit(frame, verdict, station, self._in_force.view.commander, now)

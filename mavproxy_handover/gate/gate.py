@@ -63,6 +63,8 @@ _HEARTBEAT: Final[int] = mavlink.MAVLINK_MSG_ID_HEARTBEAT
 _CONTROL_STATUS: Final[int] = mavlink.MAVLINK_MSG_ID_CONTROL_STATUS
 _TERRAIN_REQUEST: Final[int] = mavlink.MAVLINK_MSG_ID_TERRAIN_REQUEST
 _PARAM_VALUE: Final[int] = mavlink.MAVLINK_MSG_ID_PARAM_VALUE
+#: answers and requests of the autopilot that go to the stations that asked, or that are to answer
+_CHOSEN: Final = LOG_ANSWERS | {_TERRAIN_REQUEST}
 #: components of the vehicle that only the companion speaks as (rule 8)
 _OURS: Final = frozenset((COMPANION_COMPID, LANGUAGE_COMPID, PROBE_COMPID))
 #: classes of the commander's frames that may come often (rule 2)
@@ -209,18 +211,24 @@ class Gate:
                     return True
         raw = named(frame, self._names)
         receivers = passed.downlink.receivers(frame, self._ports, self._in_force.view, now)
+        if frame.msgid in _CHOSEN:
+            receivers = self._chosen(frame, receivers, now)
+        if frame.msgid in DOWNLOADS:
+            for station in receivers:
+                self.downloads.forward(self._ports[station], frame, raw, now)
+            return True
+        for station in receivers:
+            self._replies.send(self._ports[station], raw)
+        return True
+
+    def _chosen(self, frame: Frame, receivers: list[int], now: float) -> list[int]:
+        """The stations that get a message of `_CHOSEN`. `receivers`: those that hear everything now."""
+        passed = self._passed
         if frame.msgid in LOG_ANSWERS:
             reader = passed.log_turn.reader(now)
-            receivers = receivers if reader is None else [reader]
             passed.log_turn.answered(now)
-        if frame.msgid == _TERRAIN_REQUEST and frame.known:
-            receivers = passed.feeds.terrain_asked(frame, receivers, now)
-        for station in receivers:
-            if frame.msgid in DOWNLOADS:
-                self.downloads.forward(self._ports[station], frame, raw, now)
-            else:
-                self._replies.send(self._ports[station], raw)
-        return True
+            return receivers if reader is None else [reader]
+        return passed.feeds.terrain_asked(frame, receivers, now) if frame.known else receivers
 
     # ---- authority ------------------------------------------------------------------------------------------------
 

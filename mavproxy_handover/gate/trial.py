@@ -153,7 +153,7 @@ class _Trial:
             self._command,
             lambda _frame: False,
             lambda: ASSUMED.gate,
-            lambda *_: None,
+            None,
             lambda: in_force.view.commander,
         )
         self._gate = Gate(VEHICLE, self._ports, in_force, passed, self._to_autopilot, reports, matters)

@@ -60,9 +60,10 @@ _MESSAGES: Final = message_ids(*PAYLOAD_MESSAGES)
 
 def is_payload(frame: Frame) -> bool:
     """Whether a frame moves a payload and nothing else. The frame is known to the dialect."""
-    aim = target(frame)
-    if aim is not None and aim[1] not in PAYLOAD_COMPONENTS:
-        return False
     if frame.msgid in COMMAND_MESSAGES:
-        return field_int(frame, "command") in _COMMANDS
-    return frame.msgid in _MESSAGES
+        if field_int(frame, "command") not in _COMMANDS:
+            return False
+    elif frame.msgid not in _MESSAGES:
+        return False
+    aim = target(frame)
+    return aim is None or aim[1] in PAYLOAD_COMPONENTS

@@ -87,6 +87,11 @@ class Delegating:
         """The program that targets are delegated to; "" if there is none."""
         return self._rules.program
 
+    @property
+    def possible(self) -> bool:
+        """Whether any program has the right to guided targets."""
+        return bool(self._programs)
+
     # ---- by the commander's operator ------------------------------------------------------------------------------
 
     def give(self, station: int, name: str, now: float) -> str:
