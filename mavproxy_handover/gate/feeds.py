@@ -8,8 +8,9 @@ contents, and a limit of bytes. The policy leaves every feed to this filter (`Ac
 1. The limit counts for each station and kind, before anything else is looked at: a flood costs a comparison.
 2. A frame that no sender of its message makes is dropped: lengths and places out of range.
 3. A fault here drops the frame. It is reported, and only feeds depend on this module.
-4. People are told in words (`FeedNews`): all stations of another source; a station of its own frames that do not pass,
-   every `REMIND_S` for each reason. A station that waits as the next source is not told: that is its place.
+4. People are told in words (`FeedNews`): all stations of another source, seldom if it changes often; a station of its
+   own frames that do not pass, every `REMIND_S` for each reason. A station that waits as the next source is not told:
+   that is its place.
 
 Memory is bounded by the stations and kinds. Time is an argument (monotonic seconds).
 """
@@ -27,6 +28,7 @@ from mavproxy_handover.gate.in_force import AuthorityInForce
 from mavproxy_handover.gate.judge import Fate, GateReason, Verdict
 from mavproxy_handover.gate.line_budget import LineBudget
 from mavproxy_handover.gate.policy.messages import FEED_MESSAGES
+from mavproxy_handover.gate.rate_limit import RateLimit
 from mavproxy_handover.wire.frames import Frame, field_bytes, field_float, field_int
 from mavproxy_handover.wire.message_ids import MESSAGE_IDS
 from mavproxy_handover.wire.rtcm import INJECTED_BYTES, RTCM_BYTES, BaseReader
@@ -57,6 +59,9 @@ _BYTES_PER_S: Final[Mapping[FeedKind, float]] = {
 _RESERVE_S: Final = 2.0
 #: a station whose frames do not pass is told again after this time (s)
 REMIND_S: Final = 60.0
+#: texts about the source of one kind: one in this time (s), and so many at once
+_NEWS_S: Final = 10.0
+_NEWS_AT_ONCE: Final = 5.0
 #: head, check sum and start of a frame
 _FRAME_BYTES: Final = 12
 _RTCM: Final = MESSAGE_IDS["GPS_RTCM_DATA"]
@@ -115,6 +120,9 @@ class Feeds:
         self._places = BasePlaces(settings.rtk_apart_m)
         self._readers = {station: BaseReader() for station in names}
         self._purses: dict[tuple[int, FeedKind], _Purse] = {}
+        #: by kind: the source that people were told, and whether it is silent; the limit of such texts
+        self._told_source: dict[FeedKind, tuple[int | None, bool]] = dict.fromkeys(FeedKind, (None, False))
+        self._news_room = {kind: RateLimit(1.0 / _NEWS_S, _NEWS_AT_ONCE) for kind in FeedKind}
         #: when a station was told of frames that do not pass
         self._told_at: dict[tuple[int, FeedKind, GateReason], float] = {}
         self._ticked_at = -math.inf
@@ -157,10 +165,9 @@ class Feeds:
 
     def _offer(self, frame: Frame, kind: FeedKind, station: int, now: float) -> GateReason:
         source, armed = self.sources[kind], self._in_force.view.armed
-        before = source.station, source.silent
         fits = kind is not FeedKind.RTK or self._fits(frame, station)
         passes = source.offer(station, fits, armed, now)
-        self._news(kind, before)
+        self._news(kind, now)
         if passes:
             return GateReason.ALLOWED
         return GateReason.FEED_STANDBY if fits else self._tell(station, kind, GateReason.FEED_PLACE, now)
@@ -206,29 +213,30 @@ class Feeds:
             return
         self._ticked_at = now
         for kind, source in self.sources.items():
-            before = source.station, source.silent
             if source.station is not None:
                 source.decide(self._in_force.view.armed, now)
-                self._news(kind, before)
+                self._news(kind, now)
 
     # ---- people ---------------------------------------------------------------------------------------------------
 
-    def _news(self, kind: FeedKind, before: tuple[int | None, bool]) -> None:
+    def _news(self, kind: FeedKind, now: float) -> None:
         """Tell all stations of another source, and of RTK corrections that fail.
 
-        Other kinds may be silent without a fault: a receiver without traffic sends nothing."""
+        Other kinds may be silent without a fault: a receiver without traffic sends nothing. A source that changes again
+        and again is told now and then, and at last as it is."""
         source = self.sources[kind]
-        station, _silent = before
-        if source.station is None or (source.station, source.silent) == before:
+        before, silent = self._told_source[kind], source.silent and kind is FeedKind.RTK
+        if source.station is None or (source.station, silent) == before or not self._news_room[kind].allow(now):
             return
+        self._told_source[kind] = source.station, silent
         name, what = self._names[source.station], NAMES[kind]
-        if source.station != station:
-            after = "" if station is None else f" after {self._names[station]}"
-            self.untold.append(FeedNews(kind, f"{what}: from {name}{after}.", None, name))
-        elif kind is FeedKind.RTK:
-            silence_s = source.rule.silence_s
-            text = f"none. {name} is silent for {silence_s:g} s" if source.silent else f"from {name} again"
-            self.untold.append(FeedNews(kind, f"{what}: {text}.", None, None if source.silent else name))
+        if silent:
+            text = f"none. {name} is silent for {source.rule.silence_s:g} s"
+        elif source.station == before[0]:
+            text = f"from {name} again"
+        else:
+            text = f"from {name}" + ("" if before[0] is None else f" after {self._names[before[0]]}")
+        self.untold.append(FeedNews(kind, f"{what}: {text}.", None, None if silent else name))
 
     def _tell(self, station: int, kind: FeedKind, reason: GateReason, now: float) -> GateReason:
         """Tell a station why its frames do not pass, now and then. Returns the reason."""

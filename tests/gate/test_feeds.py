@@ -161,6 +161,22 @@ def test_corrections_that_fail_are_told_and_those_that_come_back(make: Make) -> 
     ]
 
 
+def test_a_base_that_moves_to_and_fro_is_told_now_and_then_and_at_last_as_it_is(make: Make) -> None:
+    door = door_with(settings(GCSA), step_s=0.05)
+    for _time in range(200):
+        for x_m in (HERE[0], HERE[0] + 500.0):
+            door.up(A, rtcm(make, GCSA, base(x_m, *HERE[1:])))
+        door.gate.tick(door.now)
+    sources = [news.text for news in door.feed_news if news.text.startswith("RTK corrections: ")]
+    assert 5 <= len(sources) <= 8, "20 s, four changes a second"
+    for _time in range(30):
+        door.now += 1.0
+        door.up(A, rtcm(make, GCSA, base(HERE[0] + 500.0, *HERE[1:])))  # the place that counts
+        door.gate.tick(door.now)
+    sources = [news.text for news in door.feed_news if news.text.startswith("RTK corrections: ")]
+    assert sources[-1] == "RTK corrections: from GCSA again."
+
+
 def test_a_receiver_without_traffic_is_no_news(make: Make) -> None:
     door = door_with(settings(GCSA))
     door.up(A, make("ADSB_VEHICLE", sysid=GCSA, compid=156))
