@@ -29,7 +29,7 @@ help:
 	@echo "make language  plain English in docstrings, comments, messages, documents (ARGS='--count', files or folders)"
 	@echo "make bench   speed against stock MAVProxy, transfer durations under loss and delay"
 	@echo "make explore the reachable states of the real core, deep, 40 minutes; ARGS='--states 0 NAME': a setting to its end"
-	@echo "make fuzz    coverage-guided fuzzing of gate, packages, ground link, serial stream, files (needs atheris)"
+	@echo "make fuzz    coverage-guided fuzzing of gate, feeds, onboard programs, packages, ground link, streams, files"
 	@echo "make mutants plant faults in gate, core and guard, see the tests find them"
 	@echo "make scenarios  fly every scenario on every vehicle there is"
 	@echo "make soak    an hour of cut leases on ArduCopter, at speed-up; ARGS='--arducopter PATH ...': on each of these"

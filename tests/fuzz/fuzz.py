@@ -68,6 +68,16 @@ TARGETS: Final = {
     ),
     "ground": Target("tests.fuzz.ground", ("gcs_module", "mavproxy_handover.wire", "mavproxy_handover.link.udp"), 1500),
     "stream": Target("tests.fuzz.stream", ("mavproxy_handover.wire.frames",), 600),
+    "feeds": Target(
+        "tests.fuzz.feeds",
+        ("mavproxy_handover.gate.feeds", "mavproxy_handover.wire", "mavproxy_handover.core.feeds"),
+        600,
+    ),
+    "onboard": Target(
+        "tests.fuzz.onboard",
+        ("mavproxy_handover.gate", "mavproxy_handover.operator.onboard", "mavproxy_handover.core.authority.delegation"),
+        600,
+    ),
     "states": Target(
         "tests.fuzz.states", ("mavproxy_handover.store", "mavproxy_handover.core.authority.authority"), 600
     ),

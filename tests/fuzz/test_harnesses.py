@@ -13,10 +13,14 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from gcs_module.ground import GroundLink
+from mavproxy_handover.gate import feeds as gate_feeds
+from mavproxy_handover.gate.feeds import Feeds
+from mavproxy_handover.gate.onboard import OnboardFilters
+from mavproxy_handover.operator.onboard.delegating import Delegating
 from mavproxy_handover.store.state_file import Kept, StateFile
 from mavproxy_handover.wire.frames import FrameSplitter
 from mavproxy_handover.wire.vehicle_address import VehicleAddress
-from tests.fuzz import ground, package, states, stream
+from tests.fuzz import feeds, ground, onboard, package, states, stream
 from tests.fuzz.fuzz import CORPUS, TARGETS
 
 ANY = st.integers(0, 255)
@@ -76,6 +80,28 @@ def test_no_package_does_anything_but_be_read_or_refused(seed: bytes, place: int
     package.run(seed[:place] + other + seed[place + gone :])
 
 
+FEEDS = list(feeds.seeds())
+ONBOARD = list(onboard.seeds())
+
+
+@settings(max_examples=150, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@given(st.sampled_from(FEEDS), st.integers(0, 120), st.integers(0, 8), st.binary(max_size=12), st.sampled_from(FEEDS))
+def test_no_feed_passes_that_may_not_and_no_flood_of_them_costs_a_command(
+    seed: bytes, place: int, gone: int, other: bytes, then: bytes
+) -> None:
+    feeds.run(seed[:place] + other + seed[place + gone :][:120] + then[:120])
+
+
+@settings(max_examples=150, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@given(
+    st.sampled_from(ONBOARD), st.integers(0, 60), st.integers(0, 8), st.binary(max_size=12), st.sampled_from(ONBOARD)
+)
+def test_no_onboard_program_does_more_than_its_rights(
+    seed: bytes, place: int, gone: int, other: bytes, then: bytes
+) -> None:
+    onboard.run(seed[:place] + other + seed[place + gone :] + then)
+
+
 # ---- a harness that lets everything through proves nothing --------------------------------------------------------
 
 
@@ -132,3 +158,56 @@ def test_an_open_ground_link_is_noticed(monkeypatch: pytest.MonkeyPatch) -> None
 def test_a_package_gets_across_the_ground_link_and_is_taken_once_the_vehicle_says_so() -> None:
     taken = [ground.run(seed).module.aircraft[0].mission_transfer.held for seed in ground.seeds() if seed[0] == 0]
     assert ground.OFFERED in taken
+
+
+def test_feeds_of_every_kind_pass_and_all_plans_hold() -> None:
+    passed = [kind for seed in FEEDS for _station, kind in feeds.run(seed).passed]
+    assert set(passed) == set(feeds.FeedKind)
+
+
+def test_a_feed_without_a_limit_or_with_wrong_values_is_noticed(monkeypatch: pytest.MonkeyPatch) -> None:
+    # WIND_COV of GCSC, with the payload of a NaN; and a flood of it
+    plan = bytes([feeds.FEED, 2, 4, 0, 0, 3, 12]) + bytes(8) + b"\x00\x00\xc0\x7f"
+    flood = bytes([feeds.FLOOD, 2, 4, 0, 0, 3, 0, 60, 1])
+    assert not feeds.run(plan).passed
+    assert feeds.run(flood).passed
+    monkeypatch.setattr(Feeds, "_affords", lambda *_: True)
+    with pytest.raises(AssertionError, match="more than its limit"):
+        feeds.run(flood)
+    monkeypatch.setattr(gate_feeds, "_plausible", lambda _frame: True)
+    with pytest.raises(AssertionError):
+        feeds.run(plan)
+
+
+def test_the_place_of_a_base_is_found_in_fragments_and_only_there() -> None:
+    data = feeds.base(*feeds.PLACES_M[0])
+    assert feeds.read_places([(0, data)]) == 1
+    assert feeds.read_places([(1, bytes(170) + data[:10]), (3, data[10:])]) == 1
+    assert feeds.read_places([(0, data[:-1] + b"\0")]) == 0
+
+
+def test_programs_do_what_their_rights_contain_and_delegations_end_with_a_hold() -> None:
+    runs = [onboard.run(seed) for seed in ONBOARD]
+    passed = {(name, feeds.mavlink.mavlink_map[frame.msgid].msgname) for one in runs for name, frame in one.passed}
+    assert {("precland", name) for name in onboard.GUIDED} <= passed
+    assert {("camera", name) for name in onboard.PAYLOAD} <= passed
+    assert ("all", "GPS_INPUT") in passed
+    assert sum(one.stood for one in runs) > 10
+
+
+def test_a_gate_of_programs_that_is_open_is_noticed(monkeypatch: pytest.MonkeyPatch) -> None:
+    target = bytes([onboard.INTERESTING.index("SET_POSITION_TARGET_GLOBAL_INT")])
+    plan = bytes([onboard.FRAME, 0]) + target + bytes(4)
+    assert not onboard.run(plan).passed
+    assert onboard.run(onboard.DELEGATED + plan).passed
+    monkeypatch.setattr(OnboardFilters, "_delegated", lambda _filters, _frame, verdict, _now: verdict)
+    with pytest.raises(AssertionError):
+        onboard.run(plan)
+
+
+def test_a_delegation_that_ends_without_a_stop_is_noticed(monkeypatch: pytest.MonkeyPatch) -> None:
+    plan = onboard.DELEGATED + bytes([onboard.PAUSE, 255, onboard.PAUSE, 255])
+    assert onboard.run(plan).stood == 1
+    monkeypatch.setattr(Delegating, "_stop_stream", lambda _delegating: None)
+    with pytest.raises(AssertionError):
+        onboard.run(plan)
