@@ -17,6 +17,7 @@ from mavproxy_handover.gate.onboard import OnboardMatters
 from mavproxy_handover.gate.policy.onboard import Right
 from mavproxy_handover.operator.base.context import Reports
 from mavproxy_handover.operator.onboard.delegating import Delegating, DelegationParts
+from mavproxy_handover.operator.onboard.landing_targets import LandingTargets
 from mavproxy_handover.operator.onboard.port import OnboardPort
 from mavproxy_handover.operator.onboard.programs import OnboardPrograms, OnboardSurroundings
 
@@ -59,6 +60,7 @@ def assemble_onboard(
         lambda name: payload.holder == name,
         lambda: autopilot.aircraft.judged_by,
         budget.allow,
+        LandingTargets(autopilot.aircraft).judge,
     )
     around = OnboardSurroundings(matters, to_autopilot, delegating.target_passed, delegating.link_closed)
     return OnboardParts(OnboardPrograms(vehicle, ports, around, reports), delegating)

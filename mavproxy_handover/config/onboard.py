@@ -96,6 +96,7 @@ ONBOARD: Final = KeyTable(
             "all that it sends. All programs and feeds together get half of a serial line",
             2500.0,
         ),
+        number("landing_m", 1, 1000, "its LANDING_TARGET leads a landing at most this far (m)", 10.0),
     ),
     "One block for each program on the companion that talks MAVLink: ROS 2, MAVSDK, a camera manager, precision "
     "landing. None by default. See docs/onboard-programs.md.",
@@ -153,7 +154,7 @@ def _program(table: Table) -> OnboardProgram:
             f"{link!r} leaves this machine; use 127.0.0.1, or set remote = true if that is meant: any program that "
             "reaches the link then counts as this one",
         )
-    named = OnboardRights(table["name"], component, rights, sensors, table["bytes_per_s"])
+    named = OnboardRights(table["name"], component, rights, sensors, table["bytes_per_s"], table["landing_m"])
     return OnboardProgram(named, link, table["remote"])
 
 

@@ -108,6 +108,8 @@ class GateReason(Enum):
     NO_RIGHT = "not in the rights of this onboard program"  #: `[[onboard]]` (`onboard`)
     NOT_DELEGATED = "no guided targets are delegated to this onboard program"
     TOO_OFTEN = "more than its limit"  #: of an onboard program, or of a station that has only the payload
+    LANDING_AWAY = "it leads the landing away"  #: LANDING_TARGET (`operator/onboard/landing_targets`)
+    LANDING_HELD = "the aircraft stands and has not landed"  #: LANDING_TARGET, too
     LINE_FULL = "the line to the autopilot has no more room"  #: the budget of all together (`line_budget`)
     NOT_PAYLOADS = "another has payload authority"  #: `[payload]` (`core/authority/payload.py`)
 

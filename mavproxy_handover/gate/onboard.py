@@ -41,6 +41,7 @@ from mavproxy_handover.wire.message_ids import COMMAND_MESSAGES, message_ids
 __all__ = ["OnboardFilters", "OnboardMatters", "OnboardRights", "judge_onboard"]
 
 _HEARTBEAT: Final = mavlink.MAVLINK_MSG_ID_HEARTBEAT
+_LANDING_TARGET: Final = mavlink.MAVLINK_MSG_ID_LANDING_TARGET
 _SENSORS: Final = message_ids(*SENSORS)
 _GUIDED: Final = message_ids(*GUIDED)
 _READS: Final = message_ids(*READS)
@@ -66,6 +67,8 @@ class OnboardRights:
     sensors: frozenset[str] = frozenset()
     #: bytes a second of all that passes
     bytes_per_s: float = 2500.0
+    #: its LANDING_TARGET leads a landing at most so far (m)
+    landing_m: float = 10.0
     #: ids of these messages
     sensor_ids: frozenset[int] = field(init=False)
 
@@ -138,6 +141,8 @@ class OnboardMatters:
     modes: Callable[[], Modes]
     #: whether the line to the autopilot has room for so many bytes at this time; if so, they count
     has_room: Callable[[float, int], bool]
+    #: whether a LANDING_TARGET may pass that may lead a landing so far (m), at this time
+    landing: Callable[[Frame, float, float], GateReason]
 
 
 #: frame, verdict so far, time -> the verdict
@@ -159,6 +164,7 @@ class OnboardFilters:
             ("guided targets that are not delegated", self._delegated),
             ("guided targets that leave energy, fence or coverage", self._target),
             ("payload commands without payload authority", self._payload),
+            ("landing targets that lead the landing away, or keep it from ending", self._landing),
             ("more bytes than the link to the autopilot has room for", self._size),
         )
 
@@ -195,6 +201,12 @@ class OnboardFilters:
             fate = Fate.DROP if verdict.access is Access.STREAM else Fate.REFUSE
             return verdict._replace(fate=fate, reason=GateReason.NOT_PAYLOADS)
         return verdict
+
+    def _landing(self, frame: Frame, verdict: Verdict, now: float) -> Verdict:
+        if frame.msgid != _LANDING_TARGET:
+            return verdict
+        reason = self._matters.landing(frame, self._program.landing_m, now)
+        return verdict if reason is GateReason.ALLOWED else verdict._replace(fate=Fate.DROP, reason=reason)
 
     def _size(self, frame: Frame, verdict: Verdict, now: float) -> Verdict:
         size, reason = len(frame.raw), GateReason.ALLOWED

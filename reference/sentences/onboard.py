@@ -127,6 +127,16 @@ _WHY: Final = (
     ),
     _warn("it comes more often than its limit", "The message has a highest rate, and the program a number of bytes."),
     _warn(
+        "it leads the landing more than {metres} m away",
+        "The target, or the aircraft that follows it, is too far from where the landing began. It lands where it is.",
+        "Watch the landing. Check the program on the ground; landing_m in [[onboard]] is the limit.",
+    ),
+    _warn(
+        "the aircraft stands and has not landed",
+        "It is on the ground and armed, or hovers, and a LANDING_TARGET keeps it there. Without one it lands.",
+        "If it does not disarm on the ground within 20 s, disarm it.",
+    ),
+    _warn(
         "the line to the autopilot has no more room",
         "Feeds, onboard programs and payload stations together fill their half of the serial line.",
         "Raise the baud rate of the line, or have one of them send less.",

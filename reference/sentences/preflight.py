@@ -102,6 +102,11 @@ _FINDINGS: Final = (
         "Raise the baud rate, or lower bytes_per_s in [[onboard]] and rtk_bytes_per_s in [feeds].",
     ),
     _warn(
+        "PLND_STRICT 2: without a landing target it hovers until the battery is empty",
+        "A return would not end if the landing target is not seen, or does not pass.",
+        "Set PLND_STRICT to 0 or 1.",
+    ),
+    _warn(
         "scripting is off: the guard does not run", "No guard protects the flight.", "Set SCR_ENABLE to 1, and reboot."
     ),
     _warn(

@@ -9,8 +9,10 @@
 
 It sends a heartbeat each second, and takes orders, a line each, on standard input:
 
-    send MESSAGE RATE SECONDS [FIELD=VALUE ...]   RATE messages a second; fields without a value are 0
+    send MESSAGE RATE SECONDS [FIELD=VALUE ...]   RATE messages a second; fields without a value are 0,
+                                                  a list has VALUE in each place
     target LAT LON HEIGHT RATE SECONDS            guided targets, HEIGHT above home
+    beacon LAT LON RATE SECONDS                   LANDING_TARGET as a camera sees it that looks straight down
     command NUMBER [P1 ... P7]                    COMMAND_LONG once, to the autopilot
     silent                                        end what it sends, but for heartbeats
 
@@ -22,6 +24,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import math
 import select
 import socket
 import time
@@ -46,6 +49,10 @@ __all__ = ["Program", "main", "message_of"]
 _AUTOPILOT: Final = mavlink.MAV_COMP_ID_AUTOPILOT1
 _BEAT_S: Final = 1.0
 _WAIT_S: Final = 0.02
+#: metres of a degree of latitude
+_DEGREE_M: Final = 111_319.5
+#: a camera sees nothing nearer than this
+_LOWEST_M: Final = 0.3
 #: only the place counts
 _PLACE: Final = 0b1101_1111_1000
 
@@ -66,7 +73,8 @@ def message_of(name: str, vehicle: int, values: Sequence[str]) -> Any:
         if field not in fields:
             raise ValueError(f"{name} has no field {field!r}")
         whole = float(number) == int(float(number))
-        fields[field] = int(float(number)) if whole else float(number)
+        one = int(float(number)) if whole else float(number)
+        fields[field] = [one] * len(fields[field]) if isinstance(fields[field], list) else one
     return kind(**fields)
 
 
@@ -104,6 +112,8 @@ class Program:
         self._parser.robust_parsing = True
         self._streams: list[_Stream] = []
         self._beat_at = 0.0
+        #: the last GLOBAL_POSITION_INT
+        self._position: Any = None
         self.note("loaded", f"component {component}")
 
     def note(self, event: str, text: str, **values: object) -> None:
@@ -122,6 +132,9 @@ class Program:
             elif word == "target":
                 message = self._target(*map(float, rest[:3]))
                 self._begin(lambda: message, float(rest[3]), float(rest[4]), now)
+            elif word == "beacon":
+                lat, lon, rate, seconds = map(float, rest)
+                self._begin(lambda: self._seen(lat, lon), rate, seconds, now)
             elif word == "command":
                 values = [*map(float, rest[1:]), *[0.0] * (8 - len(rest))]
                 self._send(mavlink.MAVLink_command_long_message(self._vehicle, _AUTOPILOT, int(rest[0]), 0, *values))
@@ -137,6 +150,20 @@ class Program:
     def _begin(self, make: Callable[[], Any], rate: float, seconds: float, now: float) -> None:
         self._streams.append(_Stream(make, rate, round(rate * seconds), now))
 
+    def _seen(self, lat: float, lon: float) -> Any:
+        """LANDING_TARGET of a beacon on the ground, from where the aircraft says that it is; None: not known yet."""
+        here = self._position
+        if here is None:
+            return None
+        north = (lat - here.lat / 1e7) * _DEGREE_M
+        east = (lon - here.lon / 1e7) * _DEGREE_M * math.cos(math.radians(lat))
+        heading, down = math.radians(here.hdg / 100.0), max(here.relative_alt / 1000.0, _LOWEST_M)
+        forward = north * math.cos(heading) + east * math.sin(heading)
+        right = east * math.cos(heading) - north * math.sin(heading)
+        angles = math.atan2(right, down), math.atan2(-forward, down)
+        distance = math.hypot(north, east, down)
+        return _timed(mavlink.MAVLink_landing_target_message(0, 0, mavlink.MAV_FRAME_BODY_FRD, *angles, distance, 0, 0))
+
     def _target(self, lat: float, lon: float, height_m: float) -> Any:
         place = round(lat * 1e7), round(lon * 1e7), height_m
         frame = mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT_INT
@@ -145,6 +172,8 @@ class Program:
         )
 
     def _send(self, message: Any) -> None:
+        if message is None:
+            return
         data = message.pack(self._own)
         self._own.seq = (self._own.seq + 1) & 0xFF
         try:
@@ -176,6 +205,8 @@ class Program:
             for message in self._parser.parse_buffer(data) or []:
                 if message.get_type() == "STATUSTEXT":
                     self.note("said", message.text, component=message.get_srcComponent())
+                elif message.get_type() == "GLOBAL_POSITION_INT":
+                    self._position = message
                 elif message.get_type() == "COMMAND_ACK":
                     self.note("ack", f"{message.command}: {message.result}", what=message.command, value=message.result)
 

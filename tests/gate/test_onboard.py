@@ -164,6 +164,8 @@ class Matters:
         self._has_room = has_room
         self.delegated = self.passes = self.payload = True
         self.asked: list[str] = []
+        #: by the limit of a program: the verdict on its landing targets
+        self.landing: dict[float, GateReason] = {}
 
     def matters(self) -> OnboardMatters:
         return OnboardMatters(
@@ -172,6 +174,7 @@ class Matters:
             lambda _name: self.payload,
             lambda: COPTER.gate,
             self._has_room,
+            lambda _frame, within_m, _now: self.landing.get(within_m, GateReason.ALLOWED),
         )
 
     def _target(self, _aim: object, name: str, _now: float) -> bool:
@@ -192,6 +195,19 @@ def test_a_message_that_comes_too_often_is_dropped(make: Callable[..., Frame]) -
     assert 500 <= passed <= 515, "50 a second for 10 s, and 10 at once"
     assert found.count(GateReason.TOO_OFTEN) == 5000 - passed
     assert filtered(filters, own, make("ODOMETRY", sysid=VEHICLE, compid=COMPONENT), 110.0).fate is Fate.FORWARD
+
+
+def test_landing_targets_are_judged_with_the_limit_of_their_program(make: Callable[..., Frame]) -> None:
+    answers = Matters()
+    answers.landing = {4.0: GateReason.LANDING_AWAY}
+    sensors = frozenset(SENSORS)
+    near, far = (OnboardRights("mavros", COMPONENT, ALL, sensors, landing_m=limit) for limit in (4.0, 5.0))
+    frame = make("LANDING_TARGET", sysid=VEHICLE, compid=COMPONENT)
+    verdict = filtered(OnboardFilters(near, answers.matters()), near, frame, 1.0)
+    assert (verdict.fate, verdict.reason) == (Fate.DROP, GateReason.LANDING_AWAY)
+    assert filtered(OnboardFilters(far, answers.matters()), far, frame, 1.0).fate is Fate.FORWARD
+    other = make("ODOMETRY", sysid=VEHICLE, compid=COMPONENT)
+    assert filtered(OnboardFilters(near, answers.matters()), near, other, 1.0).fate is Fate.FORWARD
 
 
 def test_all_bytes_of_a_program_are_limited(make: Callable[..., Frame]) -> None:

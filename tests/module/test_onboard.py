@@ -21,7 +21,7 @@ from tests.module.test_commands_in_flight import OUT_OF_FENCE, fly_to, take_off
 from tests.module.vehicle import GUIDED, HOME, frames
 
 COMPONENT = 195
-BRAKE, RTL = 17, 6
+BRAKE, RTL, LAND = 17, 6, 9
 SET_MODE = mavlink.MAV_CMD_DO_SET_MODE
 POSITION_ONLY = 0xFF8
 
@@ -120,6 +120,23 @@ def test_sensors_pass_by_name_and_all_else_is_refused_in_words(bench: Bench, pro
     program.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1)
     bench.wait(1.0)
     assert program.texts().count("arm of precland refused") == 1, "once a minute"
+
+
+def test_a_landing_that_is_led_away_is_told_to_all_stations(
+    bench: Bench, program: Program, delivery: MissionPackage
+) -> None:
+    configure(bench, program, '["sensors"]', 'sensors = ["LANDING_TARGET"]')
+    take_off(bench, delivery)
+    program.send(mavlink.MAVLink_landing_target_message(0, 0, 12, 0.9, 0.9, 100.0, 0.0, 0.0))
+    bench.wait(0.3)
+    assert len(written(bench, "LANDING_TARGET")) == 1, "it does not land"
+    bench.autopilot.mode = LAND
+    bench.until(lambda: bench.companion.autopilot.aircraft.lands)
+    program.send(mavlink.MAVLink_landing_target_message(0, 0, 12, 0.9, 0.9, 100.0, 0.0, 0.0))
+    bench.wait(0.3)
+    assert len(written(bench, "LANDING_TARGET")) == 1
+    for station in (bench.a, bench.b):
+        assert "landing target of precland refused: it leads the landing more than 10 m away" in station.texts()
 
 
 def test_it_hears_telemetry_and_its_own_answers_and_stations_hear_none_of_them(bench: Bench, program: Program) -> None:

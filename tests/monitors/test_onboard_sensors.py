@@ -39,3 +39,11 @@ def test_a_sensor_is_used_by_its_parameters(sensor: str, parameters: dict[str, f
 def test_every_sensor_has_its_parameters() -> None:
     assert all(sensor_findings({}, [sensor]) for sensor in SENSORS)
     assert len(SENSOR_PARAMETERS) == len(set(SENSOR_PARAMETERS)) > 20
+
+
+@pytest.mark.parametrize(("strict", "enabled", "found"), [(2.0, 1.0, 1), (1.0, 1.0, 0), (2.0, 0.0, 0)])
+def test_a_landing_that_waits_for_its_target_forever_is_found(strict: float, enabled: float, found: int) -> None:
+    parameters = {"PLND_ENABLED": enabled, "PLND_TYPE": 1.0, "PLND_STRICT": strict}
+    texts = [text for text in sensor_findings(parameters, ["LANDING_TARGET"]) if text.startswith("PLND_STRICT 2")]
+    assert len(texts) == found
+    assert "PLND_STRICT" in SENSOR_PARAMETERS

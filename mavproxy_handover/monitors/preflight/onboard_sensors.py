@@ -34,15 +34,23 @@ _USES: Final[Mapping[str, tuple[tuple[tuple[str, int], ...], tuple[tuple[str, in
 }
 _OF_VISION: Final = ((("VISO_TYPE", 1),), _VISION)
 
+_STRICT: Final = "PLND_STRICT"
+_HOVERS: Final = 2
+
 #: all parameters that are read for that
-SENSOR_PARAMETERS: Final = tuple(
-    dict.fromkeys(name for every, one in (*_USES.values(), _OF_VISION) for name, _value in (*every, *one))
+SENSOR_PARAMETERS: Final = (
+    *dict.fromkeys(name for every, one in (*_USES.values(), _OF_VISION) for name, _value in (*every, *one)),
+    _STRICT,
 )
 
 
 def sensor_findings(parameters: Mapping[str, float], sensors: Iterable[str]) -> tuple[str, ...]:
-    """A finding for each of these sensor messages, in words. `parameters`: those that the autopilot has."""
-    return tuple(_finding(parameters, sensor) for sensor in sorted(sensors))
+    """A finding for each of these sensor messages, in words, and that no landing ends without its target. `parameters`:
+    those that the autopilot has."""
+    findings = [_finding(parameters, sensor) for sensor in sorted(sensors)]
+    if parameters.get("PLND_ENABLED") == 1 and parameters.get(_STRICT) == _HOVERS:
+        findings.append("PLND_STRICT 2: without a landing target it hovers until the battery is empty")
+    return tuple(findings)
 
 
 def _finding(parameters: Mapping[str, float], sensor: str) -> str:

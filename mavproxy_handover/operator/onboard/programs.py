@@ -34,6 +34,8 @@ _WHY: Final = {
     GateReason.NO_RIGHT: "its rights in [[onboard]] do not have it",
     GateReason.NOT_DELEGATED: "no targets are delegated. The commander types 'handover delegate {name}' in GUIDED",
     GateReason.TOO_OFTEN: "it comes more often than its limit",
+    GateReason.LANDING_AWAY: "it leads the landing more than {landing_m:g} m away",
+    GateReason.LANDING_HELD: "the aircraft stands and has not landed",
     GateReason.LINE_FULL: "the line to the autopilot has no more room",
     GateReason.NOT_PAYLOADS: "another has payload authority",
     GateReason.SITUATION: "it would leave energy, fence or coverage",
@@ -42,6 +44,9 @@ _WHY: Final = {
     GateReason.SPOOFED_STATION: "system id must be {vehicle}, the vehicle's",
     GateReason.COMPONENT: "component must be {component}, as in [[onboard]]",
 }
+
+#: refusals that the operators must know of
+_FOR_ALL: Final = frozenset((GateReason.LANDING_AWAY, GateReason.LANDING_HELD))
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,10 +113,13 @@ class OnboardPrograms:
         subject = subject_of(frame)
         if self._words.allow(component, (subject, verdict.reason), now):
             modes = self._around.matters.modes()
-            text = why.format(name=port.name, vehicle=self._vehicle, component=component)
+            landing_m = port.rights.landing_m
+            text = why.format(name=port.name, vehicle=self._vehicle, component=component, landing_m=landing_m)
             text = f"{called(subject, modes=modes)} of {port.name} refused: {text}"
             port.say(text)
             self._reports.event_log.told(port.name, text, now)
+            if verdict.reason in _FOR_ALL:
+                self._reports.message_sender.say_to_all(text)
 
     def _named(self, frame: Frame) -> str:
         return unsaid(frame, modes=self._around.matters.modes())

@@ -22,6 +22,7 @@ from sitl.vehicles.builtin.mission import Mission
 from sitl.vehicles.builtin.navigator import Limits, Navigator
 from sitl.vehicles.builtin.params import ParameterTable
 from sitl.vehicles.builtin.physics import Body
+from sitl.vehicles.builtin.precision_landing import PrecisionLanding
 
 __all__ = ["ORIGIN_AFTER_S", "Aircraft", "Listener"]
 
@@ -68,6 +69,7 @@ class Aircraft:
         self.body = Body(heading_deg=heading_deg % 360.0)
         self.battery = Battery(parameters)
         self.navigator = Navigator()
+        self.precision = PrecisionLanding(parameters, self.say)
         self.origin: Location | None = None
         self.home: Location | None = None
         self.home_locked = False

@@ -116,7 +116,7 @@ class Mode:
         above = height - max(p["LAND_ALT_LOW"], 100.0) / 100
         accel = copter.limits().accel_up
         rate = max(slow, min(fast, approach_speed(above, accel)))
-        copter.body.drive((0.0, 0.0, -rate), copter.limits().accel, accel, dt)
+        copter.body.drive(copter.precision.steer(rate, copter.body, copter.time_s), copter.limits().accel, accel, dt)
         copter.body.turn(copter.body.heading_deg, dt)
 
 

@@ -73,6 +73,8 @@ _DEFAULTS: dict[int, dict[str, float]] = {
         "BATT_CAPACITY": 3300,
         "FS_OPTIONS": 16,
         "RTL_ALT": 1500,
+        "PLND_ENABLED": 0,
+        "PLND_TYPE": 0,
         "RTL_LOIT_TIME": 5000,
         "STAT_RUNTIME": 0,
     },

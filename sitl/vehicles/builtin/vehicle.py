@@ -237,6 +237,8 @@ class Vehicle:
             self.autopilot.sticks.take(message, self.copter.time_s)
         elif kind == "SET_POSITION_TARGET_GLOBAL_INT":
             handle_position_target(self.copter, message)
+        elif kind == "LANDING_TARGET":
+            self.copter.precision.take(message, self.copter.body, self.copter.time_s)
         elif kind in ("COMMAND_LONG", "COMMAND_INT"):
             if not self._script_blocks(message.command):
                 self.commands.handle(link, message)
