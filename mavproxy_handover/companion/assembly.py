@@ -225,7 +225,7 @@ def parts_of(running: Running, base: Base, edge: Edge, hub: Hub) -> Parts:
     )
     actions = Actions(config.sysid, parts, hub.fail_closed, hub.send_lease, fault)
     heartbeats = MissingHeartbeats(message_sender)
-    each_second = EachSecond(autopilot, beacons, news, saver, faults, heartbeats, hub.grounded)
+    each_second = EachSecond(autopilot, beacons, news, saver, faults, heartbeats, onboard, hub.grounded)
     sources = RemoteIdSources(base.in_force, base.operators, lambda: autopilot.mission.flown.package, edge.clocks.utc)
     terrain = TerrainAnswers(config.sysid, sources.package, autopilot.aircraft, reports)
     remote_id = RemoteId(config.sysid, config.remote_id, sources, autopilot.aircraft, reports)

@@ -14,12 +14,14 @@ from mavproxy_handover.gate.in_force import AuthorityInForce
 from mavproxy_handover.gate.intent import Aim
 from mavproxy_handover.gate.line_budget import LineBudget
 from mavproxy_handover.gate.onboard import OnboardMatters
-from mavproxy_handover.gate.policy.onboard import Right
+from mavproxy_handover.gate.policy.onboard import SENSORS, Moves, Right
 from mavproxy_handover.operator.base.context import Reports
 from mavproxy_handover.operator.onboard.delegating import Delegating, DelegationParts
+from mavproxy_handover.operator.onboard.estimate_watch import EstimateWatch
 from mavproxy_handover.operator.onboard.landing_targets import LandingTargets
 from mavproxy_handover.operator.onboard.port import OnboardPort
 from mavproxy_handover.operator.onboard.programs import OnboardPrograms, OnboardSurroundings
+from mavproxy_handover.operator.onboard.return_watch import ReturnWatch
 
 __all__ = ["OnboardParts", "assemble_onboard"]
 
@@ -30,6 +32,13 @@ class OnboardParts:
 
     programs: OnboardPrograms
     delegating: Delegating
+    estimate: EstimateWatch
+    returns: ReturnWatch
+
+    def each_second(self, now: float) -> None:
+        """Time has passed."""
+        self.estimate.each_second(now)
+        self.returns.each_second(now)
 
 
 def assemble_onboard(
@@ -54,6 +63,10 @@ def assemble_onboard(
         commander = in_force.view.commander
         return commander is not None and autopilot.command_check.target(aim, commander, now, name)
 
+    moved = {SENSORS[sensor].moves for port in ports for sensor in port.rights.sensors}
+    estimate = EstimateWatch(vehicle, Moves.ESTIMATE in moved, autopilot.aircraft, reports, to_autopilot)
+    site = autopilot.return_site
+    returns = ReturnWatch(Moves.AVOIDANCE in moved, autopilot.aircraft, lambda: site.goes_to, reports)
     matters = OnboardMatters(
         delegating.permits,
         target_passes,
@@ -61,6 +74,7 @@ def assemble_onboard(
         lambda: autopilot.aircraft.judged_by,
         budget.allow,
         LandingTargets(autopilot.aircraft).judge,
+        lambda: not estimate.stopped,
     )
     around = OnboardSurroundings(matters, to_autopilot, delegating.target_passed, delegating.link_closed)
-    return OnboardParts(OnboardPrograms(vehicle, ports, around, reports), delegating)
+    return OnboardParts(OnboardPrograms(vehicle, ports, around, reports), delegating, estimate, returns)

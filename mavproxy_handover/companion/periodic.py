@@ -12,6 +12,7 @@ from mavproxy_handover.companion.autopilot_parts import Autopilot
 from mavproxy_handover.companion.beacons import BEAT_ALONE_S, Beacons
 from mavproxy_handover.companion.decision_news import DecisionNews
 from mavproxy_handover.companion.faults import FaultNews
+from mavproxy_handover.companion.onboard_parts import OnboardParts
 from mavproxy_handover.companion.state_saver import StateSaver
 from mavproxy_handover.operator.stations.missing_heartbeats import MissingHeartbeats
 from mavproxy_handover.tools.schedule import attempt
@@ -30,6 +31,7 @@ class EachSecond:
     saver: StateSaver
     faults: FaultNews
     heartbeats: MissingHeartbeats
+    onboard: OnboardParts
     grounded: Callable[[float], bool]
 
     def run(self, now: float) -> None:
@@ -44,6 +46,7 @@ class EachSecond:
         self._attempt("state", self.saver.each_second)
         grounded = self.grounded(now)
         self._attempt("each second", self.autopilot.rounds.each_second, beacons.view, grounded, now)
+        self._attempt("onboard programs", self.onboard.each_second, now)
         self._attempt("word of a fault", self.faults.each_second, now)
         self._attempt("word of heartbeats", self.heartbeats.each_second, now)
 

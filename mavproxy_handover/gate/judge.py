@@ -110,6 +110,7 @@ class GateReason(Enum):
     TOO_OFTEN = "more than its limit"  #: of an onboard program, or of a station that has only the payload
     LANDING_AWAY = "it leads the landing away"  #: LANDING_TARGET (`operator/onboard/landing_targets`)
     LANDING_HELD = "the aircraft stands and has not landed"  #: LANDING_TARGET, too
+    ESTIMATE = "estimate and GPS receiver disagree"  #: of an onboard program (`operator/onboard/estimate_watch`)
     LINE_FULL = "the line to the autopilot has no more room"  #: the budget of all together (`line_budget`)
     NOT_PAYLOADS = "another has payload authority"  #: `[payload]` (`core/authority/payload.py`)
 

@@ -28,7 +28,7 @@ from pymavlink.dialects.v20 import handover as mavlink
 from mavproxy_handover.gate.intent import Aim
 from mavproxy_handover.gate.judge import Fate, GateReason, Verdict
 from mavproxy_handover.gate.policy.access import Access
-from mavproxy_handover.gate.policy.onboard import GUIDED, HEARTBEAT_HZ, READ_HZ, READS, SENSORS, Right
+from mavproxy_handover.gate.policy.onboard import GUIDED, HEARTBEAT_HZ, READ_HZ, READS, SENSORS, Moves, Right
 from mavproxy_handover.gate.policy.payload import is_payload
 from mavproxy_handover.gate.policy.rows import Row, classify
 from mavproxy_handover.gate.rate_limit import RateLimit
@@ -43,6 +43,7 @@ __all__ = ["OnboardFilters", "OnboardMatters", "OnboardRights", "judge_onboard"]
 _HEARTBEAT: Final = mavlink.MAVLINK_MSG_ID_HEARTBEAT
 _LANDING_TARGET: Final = mavlink.MAVLINK_MSG_ID_LANDING_TARGET
 _SENSORS: Final = message_ids(*SENSORS)
+_ESTIMATES: Final = message_ids(*(sensor.name for sensor in SENSORS.values() if sensor.moves is Moves.ESTIMATE))
 _GUIDED: Final = message_ids(*GUIDED)
 _READS: Final = message_ids(*READS)
 #: messages of one kind at once
@@ -143,6 +144,8 @@ class OnboardMatters:
     has_room: Callable[[float, int], bool]
     #: whether a LANDING_TARGET may pass that may lead a landing so far (m), at this time
     landing: Callable[[Frame, float, float], GateReason]
+    #: whether programs may move the position estimate now
+    may_move_estimate: Callable[[], bool]
 
 
 #: frame, verdict so far, time -> the verdict
@@ -165,6 +168,7 @@ class OnboardFilters:
             ("guided targets that leave energy, fence or coverage", self._target),
             ("payload commands without payload authority", self._payload),
             ("landing targets that lead the landing away, or keep it from ending", self._landing),
+            ("positions while estimate and GPS receiver disagree", self._estimate),
             ("more bytes than the link to the autopilot has room for", self._size),
         )
 
@@ -207,6 +211,11 @@ class OnboardFilters:
             return verdict
         reason = self._matters.landing(frame, self._program.landing_m, now)
         return verdict if reason is GateReason.ALLOWED else verdict._replace(fate=Fate.DROP, reason=reason)
+
+    def _estimate(self, frame: Frame, verdict: Verdict, _now: float) -> Verdict:
+        if frame.msgid not in _ESTIMATES or self._matters.may_move_estimate():
+            return verdict
+        return verdict._replace(fate=Fate.DROP, reason=GateReason.ESTIMATE)
 
     def _size(self, frame: Frame, verdict: Verdict, now: float) -> Verdict:
         size, reason = len(frame.raw), GateReason.ALLOWED

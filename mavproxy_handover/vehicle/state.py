@@ -110,6 +110,8 @@ class Telemetry:
         #: GLOBAL_POSITION_INT
         self.own_position = _UNSAID
         self.fix = Fix()
+        #: latitude and longitude (degrees) by the GNSS receiver itself, while it has a fix
+        self.receiver: Said[tuple[float, float] | None] = Said(None)
         #: the item that the aircraft flies to, and the distance to it
         self.waypoint: Said[int] = Said(0)
         self.to_waypoint_m: Said[float] = Said(math.nan)
@@ -247,6 +249,8 @@ class VehicleState:
     def _on_fix(self, m: Any, now: float) -> None:
         has = m.fix_type >= mavlink.GPS_FIX_TYPE_3D_FIX
         self.telemetry.fix = Fix(now, self.telemetry.fix.had or has, has)
+        if has:
+            self.telemetry.receiver = Said((m.lat / 1e7, m.lon / 1e7), now)
 
     # ---- its heartbeat --------------------------------------------------------------------------------------------
 

@@ -54,6 +54,23 @@ _SENTENCES: Final = (
         "The onboard program hears that its targets pass no longer.",
         "The program waits until the commander delegates again.",
     ),
+    _warn(
+        "Position estimate is {metres} m from the GPS receiver. EKF source set {number} (GPS) ordered, programs' "
+        "positions stopped.",
+        "A program moves the estimate away, or the receiver is wrong. The autopilot uses the receiver now.",
+        "Watch where it flies. Without GPS reception land it.",
+    ),
+    _warn(
+        "Position estimate is {metres} m from the GPS receiver. No EKF source set has GPS. Land, or fly by hand.",
+        "A program moves the estimate away, or the receiver is wrong. Modes with a position are led astray.",
+        "Land where it is safe, or let the pilot fly. Set EK3_SRC2_POSXY to 3 before the next flight.",
+    ),
+    _warn(
+        "Return comes no nearer, {metres} m from its site. Order LAND, or end the obstacle program.",
+        "For 45 s the aircraft has not come 5 m nearer. Obstacles that an onboard program reports may keep it away.",
+        "Order LAND if the place allows it, or end the program.",
+    ),
+    _info("Position estimate and GPS receiver agree again.", "They are as near as they should be."),
     Sentence(
         "Hold confirmed: {mode}. Order GUIDED to lead it again.",
         _ADVISORY,
@@ -135,6 +152,11 @@ _WHY: Final = (
         "the aircraft stands and has not landed",
         "It is on the ground and armed, or hovers, and a LANDING_TARGET keeps it there. Without one it lands.",
         "If it does not disarm on the ground within 20 s, disarm it.",
+    ),
+    _warn(
+        "position estimate and GPS receiver disagree",
+        "The companion has stopped what moves the position estimate, until the vehicle is disarmed.",
+        "Look after the program on the ground.",
     ),
     _warn(
         "the line to the autopilot has no more room",

@@ -13,6 +13,7 @@ It sends a heartbeat each second, and takes orders, a line each, on standard inp
                                                   a list has VALUE in each place
     target LAT LON HEIGHT RATE SECONDS            guided targets, HEIGHT above home
     beacon LAT LON RATE SECONDS                   LANDING_TARGET as a camera sees it that looks straight down
+    vision DRIFT RATE SECONDS                     VISION_POSITION_ESTIMATE, off by DRIFT m/s to the north
     command NUMBER [P1 ... P7]                    COMMAND_LONG once, to the autopilot
     silent                                        end what it sends, but for heartbeats
 
@@ -114,6 +115,10 @@ class Program:
         self._beat_at = 0.0
         #: the last GLOBAL_POSITION_INT
         self._position: Any = None
+        #: the last GPS_RAW_INT with a fix and when it came, and the first one
+        self._receiver: Any = None
+        self._receiver_at = 0.0
+        self._origin: Any = None
         self.note("loaded", f"component {component}")
 
     def note(self, event: str, text: str, **values: object) -> None:
@@ -135,6 +140,9 @@ class Program:
             elif word == "beacon":
                 lat, lon, rate, seconds = map(float, rest)
                 self._begin(lambda: self._seen(lat, lon), rate, seconds, now)
+            elif word == "vision":
+                drift, rate, seconds = map(float, rest)
+                self._begin(lambda: self._vision(drift * (time.monotonic() - now)), rate, seconds, now)
             elif word == "command":
                 values = [*map(float, rest[1:]), *[0.0] * (8 - len(rest))]
                 self._send(mavlink.MAVLink_command_long_message(self._vehicle, _AUTOPILOT, int(rest[0]), 0, *values))
@@ -163,6 +171,18 @@ class Program:
         angles = math.atan2(right, down), math.atan2(-forward, down)
         distance = math.hypot(north, east, down)
         return _timed(mavlink.MAVLink_landing_target_message(0, 0, mavlink.MAV_FRAME_BODY_FRD, *angles, distance, 0, 0))
+
+    def _vision(self, off_m: float) -> Any:
+        """VISION_POSITION_ESTIMATE, `off_m` north of where the receiver is; None: it has no fix yet."""
+        here, first = self._receiver, self._origin
+        if here is None:
+            return None
+        moved = here.vel / 100.0 * (time.monotonic() - self._receiver_at)
+        course = math.radians(here.cog / 100.0)
+        north = (here.lat - first.lat) / 1e7 * _DEGREE_M + moved * math.cos(course)
+        east = (here.lon - first.lon) / 1e7 * _DEGREE_M * math.cos(math.radians(here.lat / 1e7))
+        place = north + off_m, east + moved * math.sin(course), (first.alt - here.alt) / 1000.0
+        return _timed(mavlink.MAVLink_vision_position_estimate_message(0, *place, 0.0, 0.0, 0.0))
 
     def _target(self, lat: float, lon: float, height_m: float) -> Any:
         place = round(lat * 1e7), round(lon * 1e7), height_m
@@ -207,6 +227,9 @@ class Program:
                     self.note("said", message.text, component=message.get_srcComponent())
                 elif message.get_type() == "GLOBAL_POSITION_INT":
                     self._position = message
+                elif message.get_type() == "GPS_RAW_INT" and message.fix_type >= mavlink.GPS_FIX_TYPE_3D_FIX:
+                    self._receiver, self._receiver_at = message, time.monotonic()
+                    self._origin = self._origin or message
                 elif message.get_type() == "COMMAND_ACK":
                     self.note("ack", f"{message.command}: {message.result}", what=message.command, value=message.result)
 

@@ -652,6 +652,7 @@ BESIDE = {
     "payload_kg": "mass_kg = 1000\n",
     "onboard.component": 'name = "x"\nlink = "/dev/ttyS9"\n',
     "onboard.bytes_per_s": 'name = "x"\nlink = "/dev/ttyS9"\ncomponent = 25\n',
+    "onboard.landing_m": 'name = "x"\nlink = "/dev/ttyS9"\ncomponent = 25\n',
 }
 NUMBERS = [
     pytest.param(table, key, id=f"{table.name}.{key.name}")

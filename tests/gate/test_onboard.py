@@ -162,7 +162,7 @@ class Matters:
 
     def __init__(self, has_room: Callable[[float, int], bool] = lambda _now, _size: True) -> None:
         self._has_room = has_room
-        self.delegated = self.passes = self.payload = True
+        self.delegated = self.passes = self.payload = self.may_move_estimate = True
         self.asked: list[str] = []
         #: by the limit of a program: the verdict on its landing targets
         self.landing: dict[float, GateReason] = {}
@@ -175,6 +175,7 @@ class Matters:
             lambda: COPTER.gate,
             self._has_room,
             lambda _frame, within_m, _now: self.landing.get(within_m, GateReason.ALLOWED),
+            lambda: self.may_move_estimate,
         )
 
     def _target(self, _aim: object, name: str, _now: float) -> bool:
@@ -208,6 +209,20 @@ def test_landing_targets_are_judged_with_the_limit_of_their_program(make: Callab
     assert filtered(OnboardFilters(far, answers.matters()), far, frame, 1.0).fate is Fate.FORWARD
     other = make("ODOMETRY", sysid=VEHICLE, compid=COMPONENT)
     assert filtered(OnboardFilters(near, answers.matters()), near, other, 1.0).fate is Fate.FORWARD
+
+
+def test_positions_pass_while_the_estimate_agrees_with_the_receiver(make: Callable[..., Frame]) -> None:
+    own, answers = program(ALL, frozenset(SENSORS)), Matters()
+    filters = OnboardFilters(own, answers.matters())
+    answers.may_move_estimate = False
+    stopped = {
+        name
+        for name in SENSORS
+        if filtered(filters, own, make(name, sysid=VEHICLE, compid=COMPONENT), 1.0)[::2]
+        == (Fate.DROP, GateReason.ESTIMATE)
+    }
+    others = {"LANDING_TARGET", "OBSTACLE_DISTANCE", "OBSTACLE_DISTANCE_3D", "DISTANCE_SENSOR"}
+    assert stopped == set(SENSORS) - others
 
 
 def test_all_bytes_of_a_program_are_limited(make: Callable[..., Frame]) -> None:

@@ -36,6 +36,7 @@ _WHY: Final = {
     GateReason.TOO_OFTEN: "it comes more often than its limit",
     GateReason.LANDING_AWAY: "it leads the landing more than {landing_m:g} m away",
     GateReason.LANDING_HELD: "the aircraft stands and has not landed",
+    GateReason.ESTIMATE: "position estimate and GPS receiver disagree",
     GateReason.LINE_FULL: "the line to the autopilot has no more room",
     GateReason.NOT_PAYLOADS: "another has payload authority",
     GateReason.SITUATION: "it would leave energy, fence or coverage",
