@@ -98,6 +98,13 @@ def test_an_aircraft_that_stands_is_let_down() -> None:
     assert aircraft.judge(angle_x=0.1, distance=3.0) is ALLOWED, "it comes down again"
 
 
+def test_a_slow_descent_is_no_standing() -> None:
+    """ArduCopter came down the last two metres at 0.15 m/s."""
+    aircraft = Aircraft()
+    aircraft.at(height_m=1.5, sinks_mps=0.1)
+    assert {aircraft.judge(angle_x=0.1, distance=1.5) for _frame in range(300)} == {ALLOWED}
+
+
 @pytest.mark.parametrize(("mode", "state"), [(RTL, IN_AIR), (AUTO, IN_AIR)])
 def test_before_the_landing_every_target_passes(mode: int, state: int) -> None:
     aircraft = Aircraft()
