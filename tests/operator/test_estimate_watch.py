@@ -67,6 +67,9 @@ def test_a_drift_is_ended_by_the_source_set_that_has_the_gps() -> None:
     ]
     assert flight.watch.stopped
     assert flight.sets() == [2.0]
+    for _second in range(10):
+        flight.second(40.0)
+    assert flight.sets() == [2.0] * 3, "one may be lost"
     flight.second(1.0)
     orders = len(flight.ordered)
     flight.second(1.0)

@@ -30,6 +30,8 @@ __all__ = ["FAR_M", "HOLDS_S", "EstimateWatch"]
 FAR_M: Final = 25.0
 HOLDS_S: Final = 3.0
 _REMIND_S: Final = 60.0
+#: the order is sent so often in a disagreement, a second apart
+_ORDERS: Final = 3
 #: positions of estimate and receiver that are older than this (s) are not compared
 _FRESH_S: Final = 2.0
 _SETS: Final = (1, 2, 3)
@@ -53,12 +55,13 @@ class EstimateWatch:
         #: the position messages of programs do not pass
         self.stopped = False
         self._since: float | None = None
+        self._orders = 0
         self._told_at = -math.inf
 
     def each_second(self, now: float) -> None:
         """Time has passed."""
         if not self._used or not self._aircraft.armed:
-            self.stopped, self._since, self._told_at = False, None, -math.inf
+            self.stopped, self._since, self._orders, self._told_at = False, None, 0, -math.inf
             return
         away_m = self._away_m(now)
         if away_m is None:
@@ -81,12 +84,14 @@ class EstimateWatch:
         if self._since is not None and self._told_at > -math.inf:
             self._tell("Position estimate and GPS receiver agree again.", mavlink.MAV_SEVERITY_NOTICE)
             self._told_at = -math.inf
-        self._since = None
+        self._since, self._orders = None, 0
 
     def _disagree(self, away_m: float, now: float) -> None:
         gps_set = next((n for n in _SETS if self._parameter(f"EK3_SRC{n}_POSXY") == _GPS), None)
         if gps_set is not None:
             self.stopped = True
+        if gps_set is not None and self._orders < _ORDERS:
+            self._orders += 1
             values = (_SET_SOURCE, 0, gps_set, *[0.0] * 6)
             order = mavlink.MAVLink_command_long_message(self._vehicle, AUTOPILOT_COMPID, *values)
             self._to_autopilot(bytes(order.pack(self._own)))
