@@ -29,12 +29,14 @@ from mavproxy_handover.core.common.model import AuthorityView, FlightAction, Lea
 from mavproxy_handover.gate.in_force import AuthorityInForce
 from mavproxy_handover.gate.intent import Aim
 from mavproxy_handover.gate.judge import Fate, GateReason, Verdict
+from mavproxy_handover.gate.line_budget import LineBudget
 from mavproxy_handover.gate.onboard import OnboardMatters, OnboardRights
 from mavproxy_handover.gate.policy.onboard import SENSORS, Right
 from mavproxy_handover.gate.policy.rows import classify
 from mavproxy_handover.link.base import LinkCounters
 from mavproxy_handover.operator.base.context import Reports
 from mavproxy_handover.operator.onboard.delegating import Delegating, DelegationParts
+from mavproxy_handover.operator.onboard.landing_targets import LandingTargets
 from mavproxy_handover.operator.onboard.port import OnboardPort
 from mavproxy_handover.operator.onboard.programs import OnboardPrograms, OnboardSurroundings
 from mavproxy_handover.vehicle.profiles import COPTER
@@ -101,6 +103,17 @@ class Line:
         self.open = False
 
 
+def _landing() -> VehicleState:
+    """An aircraft that lands, so that its landing targets are judged."""
+    state = VehicleState()
+    for message in (
+        mavlink.MAVLink_heartbeat_message(2, 3, 129, 9, 4, 3),
+        mavlink.MAVLink_global_position_int_message(0, 470_000_000, 80_000_000, 0, 20_000, 0, 0, 50, 0),
+    ):
+        state.on_message(message, 1000.0)
+    return state
+
+
 class Aboard:
     """Three programs, the gate for them, the delegation, and what must hold."""
 
@@ -148,6 +161,9 @@ class Aboard:
             self._passes,
             lambda name: self.payload == name,
             lambda: COPTER.gate,
+            LineBudget().allow,
+            LandingTargets(_landing()).judge,
+            lambda: True,
         )
         around = OnboardSurroundings(
             matters, self.to_autopilot.append, self.delegating.target_passed, self.delegating.link_closed
