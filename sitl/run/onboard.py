@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""An onboard program of a simulation: `python -m sitl.run.onboard --config FILE`.
+"""An onboard program of a simulation: `python -m sitl.run.onboard OPTIONS`.
 
-    journal = "onboard.jsonl"
-    vehicle = 1                # system id
-    component = 25
-    port = 14600               # the companion listens here
+    --journal FILE
+    --vehicle ID      the vehicle's system id
+    --component ID    its own component
+    --port PORT       the companion listens here
 
 It sends a heartbeat each second, and takes orders, a line each, on standard input:
 
@@ -39,11 +39,6 @@ from pymavlink.dialects.v20 import handover as mavlink
 
 from sitl.run.ending import Orders
 from sitl.vehicles.ports import LOOPBACK
-
-try:
-    import tomllib
-except ModuleNotFoundError:  # Python 3.10
-    import tomli as tomllib
 
 __all__ = ["Program", "main", "message_of"]
 
@@ -237,11 +232,13 @@ class Program:
 def main(argv: Sequence[str] | None = None) -> int:
     """Run until the input ends."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--config", type=Path, required=True)
-    config = tomllib.loads(parser.parse_args(argv).config.read_text(encoding="utf-8"))
+    parser.add_argument("--journal", type=Path, required=True)
+    for option in ("--vehicle", "--component", "--port"):
+        parser.add_argument(option, type=int, required=True)
+    options = parser.parse_args(argv)
     orders = Orders()
-    with open(config["journal"], "w", encoding="utf-8", buffering=1) as journal:
-        program = Program(config["vehicle"], config["component"], config["port"], journal)
+    with options.journal.open("w", encoding="utf-8", buffering=1) as journal:
+        program = Program(options.vehicle, options.component, options.port, journal)
         while True:
             link = program.socket.fileno()
             ready, _, _ = select.select([link, *orders.descriptors], [], [], _WAIT_S)

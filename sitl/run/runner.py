@@ -87,7 +87,8 @@ class Order:
     folder: Path
     arducopter: str | None = None
     arduplane: str | None = None
-    #: standard station -> the program that is tried in its place; it takes the options of `sitl.run.standard_gcs`
+    #: standard station, or "onboard" -> the program that is tried in its place; it takes the options of
+    #: `sitl.run.standard_gcs`, or of `sitl.run.onboard`
     instead: Mapping[str, Sequence[str]] = field(default_factory=dict)
     #: further vehicles
     others: tuple[Craft, ...] = ()

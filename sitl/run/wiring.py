@@ -226,9 +226,9 @@ class _Between:
         self.lines.append({"name": name, **ends, "baud": serial.baud, **noise})
         return near, far, serial.baud
 
-    def programs(self, folder: Path, grounds: list[dict[str, Any]]) -> tuple[Program, ...]:
-        """Proxy and rogue with their configuration files. `grounds`: what the rogue knows of the stations' ground
-        links. Raises OSError.
+    def programs(self, folder: Path, grounds: list[dict[str, Any]], onboard: Sequence[str] = ()) -> tuple[Program, ...]:
+        """Proxy, rogue and the program on the companion. `grounds`: what the rogue knows of the stations' ground links.
+        `onboard`: the program that is tried as the one on the companion; empty: ours. Raises OSError.
         """
         programs = []
         if self.proxies:
@@ -252,11 +252,11 @@ class _Between:
             programs.append(Program(ROGUE, argv, home, journal))
         if self.onboard:
             home = folder / ONBOARD
+            home.mkdir(parents=True, exist_ok=True)
             journal = home / f"{ONBOARD}.jsonl"
-            own = {"journal": str(journal), "vehicle": SYSID, "component": ONBOARD_COMPONENT, "port": self.onboard}
-            config = write_toml(home / f"{ONBOARD}.toml", {}, own)
-            argv = (sys.executable, "-m", "sitl.run.onboard", "--config", str(config))
-            programs.append(Program(ONBOARD, argv, home, journal))
+            started = (*onboard,) if onboard else (sys.executable, "-m", "sitl.run.onboard")
+            options = ("--vehicle", str(SYSID), "--component", str(ONBOARD_COMPONENT), "--port", str(self.onboard))
+            programs.append(Program(ONBOARD, (*started, *options, "--journal", str(journal)), home, journal))
         programs += [_served(folder, name, port) for name, port in self.served.items()]
         return tuple(programs)
 
@@ -381,7 +381,11 @@ def lay_out(
             _vehicle(first, scenario, entries, guard_key, box, between.onboard),
         ),
         tuple(stations),
-        (*between.programs(folder, grounds), *_boxes(folder, box, scenario), *_panels(folder, stations, scenario)),
+        (
+            *between.programs(folder, grounds, (instead or {}).get(ONBOARD, ())),
+            *_boxes(folder, box, scenario),
+            *_panels(folder, stations, scenario),
+        ),
         tuple(proxy["name"] for proxy in between.proxies),
         card,
         on_slow_disk(folder / COMPANION, scenario.fsync_s) if scenario.fsync_s else (),

@@ -159,6 +159,39 @@ def test_it_hears_telemetry_and_its_own_answers_and_stations_hear_none_of_them(b
     assert [ack.command for ack in bench.a.received.got("COMMAND_ACK")] == [400]
 
 
+def test_heartbeats_of_a_second_component_are_dropped_without_a_word(bench: Bench, program: Program) -> None:
+    """MAVSDK 3 sends heartbeats as component 190 beside those of its own component."""
+    configure(bench, program, "[]")
+    bench.connect()
+    beat = mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3)
+    program.send(beat)
+    bench.wait(0.5)
+    program.own.srcComponent = 190
+    for _ in range(3):
+        program.send(beat)
+        bench.wait(1.0)
+    assert bench.journal("refused") == []
+    assert program.texts() == ""
+    beats = [m for m in bench.autopilot.received if m.get_type() == "HEARTBEAT" and m.get_srcSystem() == 1]
+    assert {m.get_srcComponent() for m in beats} == {191, COMPONENT}
+    program.send(landing_target())
+    bench.wait(0.5)
+    assert [entry["what"] for entry in bench.journal("refused")] == ["LANDING_TARGET"]
+
+
+def test_a_program_with_another_component_than_configured_is_told_in_the_journal(
+    bench: Bench, program: Program
+) -> None:
+    configure(bench, program, "[]")
+    bench.connect()
+    program.own.srcComponent = 190
+    program.send(mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3))
+    bench.wait(0.5)
+    assert [entry["text"] for entry in bench.journal("told")] == [
+        f"heartbeat of precland refused: component must be {COMPONENT}, as in [[onboard]]"
+    ]
+
+
 def test_a_fault_closes_that_link_and_nothing_else(
     bench: Bench, program: Program, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -375,6 +375,52 @@ def test_guided_velocity_stops_when_nobody_repeats_it() -> None:
     assert bench.vehicle.copter.body.ground_speed_m_s == pytest.approx(0.0, abs=0.01)
 
 
+def local_target(frame: int, mask: int, place: tuple[float, ...], velocity: tuple[float, ...]) -> object:
+    return dialect.MAVLink_set_position_target_local_ned_message(
+        0, 1, 1, frame, mask, *place, *velocity, 0.0, 0.0, 0.0, 0.0, 0.0
+    )
+
+
+@pytest.mark.parametrize(
+    ("frame", "heading_deg", "expected"),
+    [
+        pytest.param(1, 90.0, (20.0, 5.0, 15.0), id="from the origin"),
+        pytest.param(7, 90.0, (22.0, 8.0, 25.0), id="from the aircraft"),
+        pytest.param(9, 90.0, (-3.0, 23.0, 25.0), id="from the aircraft, turned with it"),
+    ],
+)
+def test_guided_flies_to_a_local_place(frame: int, heading_deg: float, expected: tuple[float, ...]) -> None:
+    bench = ready()
+    bench.fly(10.0)
+    copter = bench.vehicle.copter
+    copter.guided.go_to(Location(*shift(copter.start, 2.0, 3.0), copter.start.alt_m + 10.0))
+    bench.run(10.0)
+    copter.body.heading_deg = heading_deg
+    bench.send(local_target(frame, 0b1101_1111_1000, (20.0, 5.0, -15.0), (0.0, 0.0, 0.0)))
+    bench.run(20.0)
+    assert copter.body.position == pytest.approx(expected, abs=0.7)
+
+
+@pytest.mark.parametrize(("frame", "expected"), [(1, (4.0, 0.0)), (8, (0.0, 4.0))])
+def test_guided_flies_with_a_local_velocity(frame: int, expected: tuple[float, float]) -> None:
+    bench = ready()
+    bench.fly(10.0)
+    bench.vehicle.copter.body.heading_deg = 90.0
+    bench.send(local_target(frame, 0b1101_1100_0111, (0.0, 0.0, 0.0), (4.0, 0.0, 0.0)))
+    bench.run(2.5)
+    assert bench.vehicle.copter.body.velocity[:2] == pytest.approx(expected, abs=0.1)
+
+
+def test_a_local_target_in_another_frame_stops_the_aircraft() -> None:
+    bench = ready()
+    bench.fly(10.0)
+    bench.vehicle.copter.guided.fly_with((4.0, 0.0, 0.0))
+    bench.run(1.0)
+    bench.send(local_target(6, 0b1101_1100_0111, (0.0, 0.0, 0.0), (4.0, 0.0, 0.0)))
+    bench.run(3.0)
+    assert bench.vehicle.copter.body.ground_speed_m_s == pytest.approx(0.0, abs=0.05)
+
+
 def test_take_off_is_refused_disarmed_and_in_flight() -> None:
     bench = ready()
     bench.command(176, 1, GUIDED)

@@ -13,6 +13,8 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Final
 
+from pymavlink.dialects.v20 import handover as mavlink
+
 from mavproxy_handover.gate.downlink import stays_aboard
 from mavproxy_handover.gate.judge import Fate, GateReason, Verdict
 from mavproxy_handover.gate.onboard import OnboardFilters, OnboardMatters, judge_onboard
@@ -29,6 +31,8 @@ __all__ = ["OnboardPrograms", "OnboardSurroundings"]
 
 #: the same refusal is told once in this time (s)
 _TOLD_S: Final = 60.0
+#: a program is heard for this long (s) after its last frame
+_HEARD_S: Final = 5.0
 _GUIDED: Final = message_ids(*GUIDED)
 _WHY: Final = {
     GateReason.NO_RIGHT: "its rights in [[onboard]] do not have it",
@@ -97,7 +101,7 @@ class OnboardPrograms:
             self._around.to_autopilot(frame.raw)
             if frame.msgid in _GUIDED:
                 self._around.target_passed(port.name, now)
-        else:
+        elif not _beats_as_second(port, frame, verdict, now):
             self._refused(port, frame, verdict, now)
 
     def _refused(self, port: OnboardPort, frame: Frame, verdict: Verdict, now: float) -> None:
@@ -166,6 +170,12 @@ class OnboardPrograms:
         """Close every link."""
         for port in self.ports:
             port.close()
+
+
+def _beats_as_second(port: OnboardPort, frame: Frame, verdict: Verdict, now: float) -> bool:
+    """Whether a program that is heard sends a heartbeat as another component, too. MAVSDK 3 does, as 190."""
+    beats = verdict.reason is GateReason.COMPONENT and frame.msgid == mavlink.MAVLINK_MSG_ID_HEARTBEAT
+    return beats and port.heard_at is not None and now - port.heard_at <= _HEARD_S
 
 
 def _hears(port: OnboardPort, aim: tuple[int, int] | None, vehicle: int) -> bool:

@@ -235,7 +235,7 @@ class Vehicle:
             send(self.autopilot, link, dialect.MAVLINK_MSG_ID_AUTOPILOT_VERSION)
         elif kind == "RC_CHANNELS_OVERRIDE":
             self.autopilot.sticks.take(message, self.copter.time_s)
-        elif kind == "SET_POSITION_TARGET_GLOBAL_INT":
+        elif kind in ("SET_POSITION_TARGET_GLOBAL_INT", "SET_POSITION_TARGET_LOCAL_NED"):
             handle_position_target(self.copter, message)
         elif kind == "LANDING_TARGET":
             self.copter.precision.take(message, self.copter.body, self.copter.time_s)

@@ -63,21 +63,22 @@ HEIGHT_M = 8.0
 class Old:
     """MAVSDK before 4: `mavsdk_server` and gRPC."""
 
-    def __init__(self, sysid: int) -> None:
+    def __init__(self, sysid: int, component: int) -> None:
         import mavsdk
+        from mavsdk import offboard
         from mavsdk.mavlink_direct import MavlinkMessage
         from mavsdk.mission_raw import MissionItem
 
         with socket.socket() as free:
             free.bind(("127.0.0.1", 0))
             port = free.getsockname()[1]
-        self._system = mavsdk.System(port=port, sysid=sysid, compid=GROUND_STATION)
-        self.message, self.item = MavlinkMessage, MissionItem
+        self._system = mavsdk.System(port=port, sysid=sysid, compid=component)
+        self.message, self.item, self.targets = MavlinkMessage, MissionItem, offboard
 
     async def connect(self, address: str) -> None:
         await self._system.connect(system_address=address)
         self.action, self.mission, self.param = self._system.action, self._system.mission_raw, self._system.param
-        self.logs = self._system.log_files
+        self.logs, self.offboard, self.info = self._system.log_files, self._system.offboard, self._system.info
         self._telemetry, self.direct = self._system.telemetry, self._system.mavlink_direct
         self.messages = self.direct.message
         async for state in self._system.core.connection_state():
@@ -99,19 +100,22 @@ class Old:
 class New:
     """MAVSDK from 4 on: the library itself."""
 
-    def __init__(self, sysid: int) -> None:
+    def __init__(self, sysid: int, component: int) -> None:
         from mavsdk.asyncio import Configuration, Mavsdk
+        from mavsdk.plugins import offboard
         from mavsdk.plugins.mavlink_direct import MavlinkMessage
         from mavsdk.plugins.mission_raw import MissionItem
 
-        self._mavsdk = Mavsdk(Configuration.create_manual(sysid, GROUND_STATION, True))
-        self.message, self.item = MavlinkMessage, MissionItem
+        self._mavsdk = Mavsdk(Configuration.create_manual(sysid, component, True))
+        self.message, self.item, self.targets = MavlinkMessage, MissionItem, offboard
 
     async def connect(self, address: str) -> None:
         from mavsdk.asyncio.plugins.action import ActionAsync
+        from mavsdk.asyncio.plugins.info import InfoAsync
         from mavsdk.asyncio.plugins.log_files import LogFilesAsync
         from mavsdk.asyncio.plugins.mavlink_direct import MavlinkDirectAsync
         from mavsdk.asyncio.plugins.mission_raw import MissionRawAsync
+        from mavsdk.asyncio.plugins.offboard import OffboardAsync
         from mavsdk.asyncio.plugins.param import ParamAsync
         from mavsdk.asyncio.plugins.telemetry import TelemetryAsync
 
@@ -120,7 +124,7 @@ class New:
         while system is None:
             system = await self._mavsdk.first_autopilot(timeout_s=1.0)
         self.action, self.mission, self.param = ActionAsync(system), MissionRawAsync(system), ParamAsync(system)
-        self.logs = LogFilesAsync(system)
+        self.logs, self.offboard, self.info = LogFilesAsync(system), OffboardAsync(system), InfoAsync(system)
         self._telemetry, self.direct = TelemetryAsync(system), MavlinkDirectAsync(system)
         self.messages = self.direct.subscribe_message
 
@@ -144,7 +148,7 @@ class Station:
         self._control, self.note = control, journal.note
         self._started = time.monotonic()
         version = _version()
-        self.program: Any = (Old if version < "4" else New)(sysid)
+        self.program: Any = (Old if version < "4" else New)(sysid, GROUND_STATION)
         self._waiting: dict[int, asyncio.Future[int]] = {}
         self._owner: int | None = None
         self.note("loaded", f"MAVSDK {version}", version=version)
