@@ -66,7 +66,7 @@ def test_one_program_leads_at_a_time() -> None:
 )
 def test_a_fact_ends_it_once(facts: GuidedFacts, end: End, holds: bool) -> None:
     delegation = given()
-    assert delegation.tick(facts, 100.1) == Over("mavros", A, end, holds)
+    assert delegation.tick(facts, 100.1) == Over("mavros", end, holds)
     assert not delegation.permits("mavros")
     assert delegation.tick(facts, 100.2) is None
     assert delegation.tick(GOOD, 100.3) is None, "it never begins again by itself"
@@ -77,12 +77,12 @@ def test_silence_ends_it_the_first_target_may_take_longer() -> None:
     assert delegation.tick(GOOD, 100.0 + FIRST_S) is None
     delegation.target_passed("other", 104.0)
     over = delegation.tick(GOOD, 100.01 + FIRST_S)
-    assert over == Over("mavros", A, End.SILENCE, True)
+    assert over == Over("mavros", End.SILENCE, True)
 
     delegation = given()
     delegation.target_passed("mavros", 100.2)
     assert delegation.tick(GOOD, 100.2 + SILENT_S) is None
-    assert delegation.tick(GOOD, 100.21 + SILENT_S) == Over("mavros", A, End.SILENCE, True)
+    assert delegation.tick(GOOD, 100.21 + SILENT_S) == Over("mavros", End.SILENCE, True)
 
 
 def test_a_copy_of_the_request_gives_a_new_time() -> None:
@@ -92,11 +92,26 @@ def test_a_copy_of_the_request_gives_a_new_time() -> None:
 
 
 def test_commands_the_commanders_word_and_a_fault_end_it() -> None:
-    assert given().commanded(flies=False) == Over("mavros", A, End.COMMAND, True)
-    assert given().commanded(flies=True) == Over("mavros", A, End.COMMAND, False)
-    assert given().revoke() == Over("mavros", A, End.REVOKED, True)
-    assert given().link_closed("mavros") == Over("mavros", A, End.FAULT, True)
+    assert given().commanded(flies=False) == Over("mavros", End.COMMAND, True)
+    assert given().commanded(flies=True) == Over("mavros", End.COMMAND, False)
+    assert given().revoke() == Over("mavros", End.REVOKED, True)
+    assert given().link_closed("mavros") == Over("mavros", End.FAULT, True)
     assert given().link_closed("other") is None
     nothing = Delegation()
     assert (nothing.commanded(flies=True), nothing.revoke(), nothing.link_closed("mavros")) == (None, None, None)
     assert nothing.tick(GOOD, 1.0) is None
+
+
+@pytest.mark.parametrize(
+    ("facts", "over"),
+    [
+        (replace(GOOD, ordered_by=None), Over("mavros", End.RESTART, True)),
+        (replace(GOOD, ordered_by=None, commander=None), Over("mavros", End.RESTART, True)),
+        (GOOD, None),
+        (replace(GOOD, ordered_by=None, guided=False), None),
+        (replace(GOOD, ordered_by=None, flying=False), None),
+        (replace(GOOD, ordered_by=None, decided=True), None),
+    ],
+)
+def test_a_restart_in_guided_counts_as_the_end_of_one(facts: GuidedFacts, over: Over | None) -> None:
+    assert Delegation().restarted("mavros", facts) == over

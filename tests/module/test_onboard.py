@@ -18,7 +18,8 @@ from mavproxy_handover.mission.package import MissionPackage
 from mavproxy_handover.operator.checks.command_check import MOST
 from tests.module.conftest import Bench
 from tests.module.test_commands_in_flight import OUT_OF_FENCE, fly_to, take_off
-from tests.module.vehicle import GUIDED, HOME, frames
+from tests.module.test_restart import restart
+from tests.module.vehicle import AUTO, GUIDED, HOME, frames
 
 COMPONENT = 195
 BRAKE, RTL, LAND = 17, 6, 9
@@ -393,6 +394,47 @@ def test_a_fault_at_the_end_costs_no_hold(flown: Bench, program: Program, monkey
 
 
 # ---- payload ------------------------------------------------------------------------------------------------------
+
+
+def restarted(bench: Bench) -> None:
+    """The companion dies in flight, and starts again."""
+    bench.companion.onboard.close()
+    restart(bench)
+    bench.until(lambda: bench.companion.view.commander == 251)
+    bench.wait(3.0)
+
+
+def test_a_restart_in_flight_ends_it_with_a_hold(flown: Bench, program: Program) -> None:
+    in_guided(flown)
+    assert delegate(flown).accepted == 1
+    stream(flown, program, 1.0)
+    restarted(flown)
+    stream(flown, program, 1.0)
+    assert written(flown, "SET_POSITION_TARGET_GLOBAL_INT") == []
+    assert flown.autopilot.mode == BRAKE
+    text = flown.a.texts()
+    assert "precland no longer leads the aircraft: the companion has restarted. A hold is ordered." in text
+    assert "Hold confirmed: BRAKE. Order GUIDED to lead it again." in text
+    assert [entry["end"] for entry in flown.journal("onboard") if entry.get("end")] == ["restart"]
+
+
+def test_after_a_restart_nothing_is_held_that_the_commander_flies(flown: Bench, program: Program) -> None:
+    restarted(flown)
+    assert flown.autopilot.mode == AUTO
+    in_guided(flown)
+    flown.wait(3.0)
+    assert flown.autopilot.mode == GUIDED, "it was ordered after the restart"
+    assert flown.journal("onboard") == []
+
+
+def test_without_a_right_to_lead_a_restart_leaves_guided_alone(
+    bench: Bench, program: Program, delivery: MissionPackage
+) -> None:
+    configure(bench, program, "[]")
+    take_off(bench, delivery)
+    in_guided(bench)
+    restarted(bench)
+    assert bench.autopilot.mode == GUIDED
 
 
 def test_a_station_asks_for_the_payload_and_flies_nothing_by_it(bench: Bench, delivery: MissionPackage) -> None:

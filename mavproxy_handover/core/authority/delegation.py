@@ -12,6 +12,9 @@ delegation moves no authority: it permits targets of one program, which are judg
 * when no target has passed for `SILENT_S`. The first target may take `FIRST_S`;
 * when the program's link is closed after a fault, or the commander takes it back.
 
+A companion that starts again in flight does not know what was delegated before. If the aircraft flies GUIDED then, a
+delegation counts as ended (`Delegation.restarted`): nothing would lead the aircraft, and no person would know.
+
 It never begins again by itself. The caller orders a hold at the end (`Over.holds`), except where a command or a
 decision has just taken the aircraft elsewhere.
 """
@@ -39,6 +42,7 @@ class End(Enum):
     SILENCE = "the program is silent"
     REVOKED = "the commander took it back"
     FAULT = "the link of the program was closed"
+    RESTART = "the companion has restarted"
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,7 +65,6 @@ class Over:
     """The end of a delegation. `holds`: the aircraft has to be stopped."""
 
     program: str
-    commander: int
     end: End
     holds: bool
 
@@ -139,6 +142,13 @@ class Delegation:
         """The commander sent another command. `flies`: it takes the aircraft elsewhere, so nothing is held."""
         return self._end(End.COMMAND, holds=not flies)
 
+    def restarted(self, program: str, facts: GuidedFacts) -> Over | None:
+        """The companion has started in flight, and `program` is one that may have led the aircraft before."""
+        unled = self._given is None and facts.ordered_by is None
+        if unled and facts.flying and facts.guided and not facts.decided:
+            return Over(program, End.RESTART, holds=True)
+        return None
+
     def revoke(self) -> Over | None:
         """The commander takes it back."""
         return self._end(End.REVOKED)
@@ -151,4 +161,4 @@ class Delegation:
         given, self._given = self._given, None
         if given is None:
             return None
-        return Over(given.program, given.commander, end, holds and end not in _GOES_ELSEWHERE)
+        return Over(given.program, end, holds and end not in _GOES_ELSEWHERE)

@@ -24,7 +24,7 @@ from typing import Final
 
 from pymavlink.dialects.v20 import handover as mavlink
 
-from mavproxy_handover.core.authority.delegation import Delegation, GuidedFacts, Over
+from mavproxy_handover.core.authority.delegation import Delegation, End, GuidedFacts, Over
 from mavproxy_handover.core.common.model import FlightAction, ModeClass
 from mavproxy_handover.gate.in_force import AuthorityInForce
 from mavproxy_handover.gate.intent import TARGET_MESSAGES
@@ -80,6 +80,8 @@ class Delegating:
         self._rules = Delegation()
         #: the commander that ordered GUIDED, and when
         self._ordered: tuple[int, float] | None = None
+        #: whether the first mode that the autopilot has shown was looked at
+        self._mode_seen = False
         self._own = mavlink.MAVLink(None, srcSystem=vehicle, srcComponent=mavlink.MAV_COMP_ID_ONBOARD_COMPUTER)
 
     @property
@@ -134,8 +136,17 @@ class Delegating:
 
     def tick(self, now: float) -> None:
         """Time has passed: end the delegation if a fact ends it. To be called often."""
+        if not self._mode_seen and self._parts.aircraft.telemetry.heartbeat.at > -inf:
+            self._mode_seen = True
+            self._first_mode(now)
         if self._rules.program or self._ordered is not None:
             self._over(self._rules.tick(self._facts(now), now), now)
+
+    def _first_mode(self, now: float) -> None:
+        """The autopilot shows its first mode to this companion, which may have started in flight."""
+        if self._programs:
+            one, *others = self._programs
+            self._over(self._rules.restarted("An onboard program" if others else one, self._facts(now)), now)
 
     def commander_sends(self, frame: Frame, verdict: Verdict, now: float) -> None:
         """A frame of the commander is about to be passed on, or carried out: a command, a target or sticks."""
@@ -189,7 +200,9 @@ class Delegating:
         to_program = f"targets are no longer delegated to you: {over.end.value}"
         self._attempt(self._stop_stream)
         self._attempt(partial(log, over.program, text, end=over.end.name.lower()))
-        self._attempt(self._programs[over.program].say, to_program)
+        for name, program in self._programs.items():
+            if over.end is End.RESTART or name == over.program:
+                self._attempt(program.say, to_program)
         self._attempt(self._tell, commander, f"{text}. {'A hold is ordered.' if over.holds else ''}".rstrip())
         if over.holds:
             self._attempt(self._parts.stand, partial(self._stood, over.program), now)
