@@ -336,6 +336,8 @@ def _check_names(scenario: Scenario, package: packages.MissionPackage) -> None:
             *map(panel_of, scenario.panel),
             *(["rogue"] if scenario.rogue else []),
             *(["onboard"] if scenario.onboard else []),
+            *(["listener"] if scenario.listen else []),
+            *(["transponder"] if scenario.transponder else []),
         }
     ):
         raise ScenarioError(

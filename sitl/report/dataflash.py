@@ -29,7 +29,7 @@ from sitl.report.journal_reader import Entry
 from sitl.report.strand import CLOCK_SET_S, Kind, Stamps, Strand, Tick
 from sitl.report.watch import AIRBORNE_M, SAMPLE_INTERVAL_S, VEHICLE
 
-__all__ = ["DataflashError", "read_dataflash"]
+__all__ = ["DataflashError", "corrections_logged", "read_dataflash"]
 
 #: records that come at an interval are a little early at times
 _NEARLY: Final = 0.95
@@ -65,6 +65,39 @@ def read_dataflash(path: Path) -> Strand:
     return strand
 
 
+def corrections_logged(folder: Path) -> list[float] | None:
+    """When RTK corrections came, by the newest log in a folder (s since the autopilot was started). None: no log.
+
+    ArduPilot logs them (RTCM) if bit 6 of GPS_DRV_OPTIONS is set. Raises OSError, DataflashError.
+    """
+    logs = sorted(folder.glob("*.BIN"))
+    if not logs:
+        return None
+    with _complaints():
+        log = _opened(logs[-1])
+        try:
+            records = iter(lambda: log.recv_match(type=["RTCM"]), None)
+            return [_boot_s(record, 0.0) for record in records]
+        except Exception as error:  # pymavlink raises whatever it stumbles over
+            raise DataflashError(f"{logs[-1]}: cannot be read: {error or type(error).__name__}") from None
+        finally:
+            _close(log)
+
+
+def _opened(path: Path) -> Any:
+    kind = DFReader.DFReader_binary if path.suffix.lower() == ".bin" else DFReader.DFReader_text
+    try:
+        return kind(str(path), zero_time_base=False)
+    except Exception as error:  # pymavlink raises whatever it stumbles over
+        raise DataflashError(f"{path}: no dataflash log: {error or type(error).__name__}") from None
+
+
+def _close(log: Any) -> None:
+    close = getattr(log, "close", None)
+    if close is not None:
+        close()
+
+
 @contextmanager
 def _complaints() -> Iterator[list[int]]:
     """Counts the lines that pymavlink writes to its outputs, one for each place that it cannot read. Part of it is
@@ -84,11 +117,7 @@ def _complaints() -> Iterator[list[int]]:
 
 
 def _read(path: Path) -> Strand:
-    kind = DFReader.DFReader_binary if path.suffix.lower() == ".bin" else DFReader.DFReader_text
-    try:
-        log = kind(str(path), zero_time_base=False)
-    except Exception as error:  # pymavlink raises whatever it stumbles over
-        raise DataflashError(f"{path}: no dataflash log: {error or type(error).__name__}") from None
+    log = _opened(path)
     reader = _Reader(path, has_pos="POS" in log.name_to_id)
     try:
         while (message := log.recv_match(type=_WANTED)) is not None:
@@ -99,9 +128,7 @@ def _read(path: Path) -> Strand:
     except Exception:  # pymavlink again, in a log whose end was never written
         reader.strand.broken += 1
     finally:
-        close = getattr(log, "close", None)
-        if close is not None:
-            close()
+        _close(log)
     return reader.finish()
 
 

@@ -55,6 +55,8 @@ class RunNotes:
     ended_t: float | None = None
     #: station -> what its log says was lost on the way to it, or why that is not known; measured where it is expected
     losses: dict[str, Heard | str] = field(default_factory=dict)
+    #: when the autopilot's own log has RTK corrections (simulated s); None: it writes no log, or nothing asked for it
+    corrections: Sequence[float] | None = None
     #: UTC (s) less the `t` of the entries; None: not known
     utc_offset_s: float | None = None
 

@@ -34,8 +34,11 @@ line each, on standard input:
                                    transfers that were not announced, and the whole package
 
     feed LINK SYSID KIND RATE SECONDS [METRES]   no attack: a program beside the station that sends a feed, as another
-                                   component of SYSID. KIND: rtk (METRES: the base is so far to the east), adsb, or
-                                   remote-id (METRES: the operator is so far to the north)
+                                   component of SYSID. KIND: rtk (METRES: the base is so far to the east), adsb,
+                                   remote-id (METRES: the operator is so far to the north), or basic-id
+
+    terrain LINK SYSID HEIGHT SECONDS   no attack: a program beside the station that answers each TERRAIN_REQUEST by
+                                   HEIGHT (m), as another component of SYSID; HEIGHT "none": it only notes them
 
 It ends when its input does. It uses no code of the vehicle except the dialect and a check sum.
 """
@@ -77,6 +80,8 @@ _CHUNK_BYTES = 200
 #: transfers that may come, each as (handover id, epoch)
 _GUESSED = [(number, epoch) for epoch in (1, 2) for number in range(1, 6)]
 _FORGED_PER_S = 200.0
+#: the component that answers requests for terrain, and the parts of a request at the most
+_TERRAIN_COMPONENT, _TERRAIN_PARTS = mavlink.MAV_COMP_ID_USER5, 56
 #: so that the receiver's journal of refusals, one of a kind a second, is not passed over
 _AT_ONCE = 64
 
@@ -169,6 +174,8 @@ class _Tap:
         self._target = (LOOPBACK, target)
         self._vehicle: tuple[str, int] | None = None
         self.recorded: list[bytes] | None = None
+        #: what the vehicle sends, kept until it is looked at; None: is not
+        self.overheard: list[bytes] | None = None
 
     def pass_on(self, sock: socket.socket) -> None:
         """Relay the datagrams of one side to the other."""
@@ -180,6 +187,8 @@ class _Tap:
             if sock is self.near:
                 self._vehicle = address
                 _send(self.far, data, self._target)
+                if self.overheard is not None:
+                    self.overheard.append(data)
             elif address == self._target:
                 if self.recorded is not None and len(self.recorded) < _RECORDED:
                     self.recorded.append(data)
@@ -233,6 +242,30 @@ class _Stream:
         return self.sent >= self.total
 
 
+class _GroundHeights:
+    """A program beside a station that hears requests for heights of the ground. `height_m` None: it does not answer."""
+
+    def __init__(self, tap: _Tap, sysid: int, height_m: int | None, until: float) -> None:
+        self.tap = tap
+        self.until = until
+        self._height_m = height_m
+        self._parser: Any = mavlink.MAVLink(None)
+        self._parser.robust_parsing = True
+        self._own: Any = mavlink.MAVLink(None, srcSystem=sysid, srcComponent=_TERRAIN_COMPONENT)
+
+    def answer(self) -> list[Any]:
+        """Answer what was asked since; returns the requests."""
+        heard, self.tap.overheard = self.tap.overheard or [], []
+        found = [message for data in heard for message in self._parser.parse_buffer(data) or ()]
+        asked = [message for message in found if message.get_type() == "TERRAIN_REQUEST"]
+        for message in asked if self._height_m is not None else ():
+            for part in (bit for bit in range(_TERRAIN_PARTS) if message.mask >> bit & 1):
+                where = (message.lat, message.lon, message.grid_spacing, part)
+                self.tap.inject(mavlink.MAVLink_terrain_data_message(*where, [self._height_m] * 16).pack(self._own))
+                self._own.seq = (self._own.seq + 1) % 256
+        return asked
+
+
 class Rogue:
     """Passes on, and attacks when it is told to. Times are monotonic seconds."""
 
@@ -250,13 +283,14 @@ class Rogue:
         self._package = package
         self._journal = journal
         self._streams: list[_Stream] = []
+        self._ground: list[_GroundHeights] = []
         self.sockets = {sock: tap for tap in taps for sock in (tap.near, tap.far)}
         self.note("loaded", f"in the links of {', '.join(self._taps)}")
 
     @property
     def busy(self) -> bool:
         """Whether it sends at a rate now."""
-        return bool(self._streams)
+        return bool(self._streams or self._ground)
 
     def note(self, event: str, text: str, **values: object) -> None:
         """Write to the journal."""
@@ -279,6 +313,10 @@ class Rogue:
                 self._flood(tap, int(rest[1]), float(rest[2]), float(rest[3]), now)
             elif word == "feed":
                 self._feed(tap, int(rest[1]), rest[2], (float(rest[3]), float(rest[4])), float((*rest, "0")[5]), now)
+            elif word == "terrain":
+                height_m = None if rest[2] == "none" else int(rest[2])
+                tap.overheard = []
+                self._ground.append(_GroundHeights(tap, int(rest[1]), height_m, now + float(rest[3])))
             elif word == "record":
                 tap.recorded = []
                 self.note("recording", f"what {tap.name} sends is kept", station=tap.name)
@@ -332,6 +370,13 @@ class Rogue:
 
     def tick(self, now: float) -> None:
         """Send what is due."""
+        for ground in list(self._ground):
+            for asked in ground.answer():
+                what = {"lat": asked.lat, "lon": asked.lon, "parts": bin(asked.mask).count("1")}
+                self.note("terrain_asked", f"{what['parts']} parts", station=ground.tap.name, **what)
+            if now >= ground.until:
+                ground.tap.overheard = None
+                self._ground.remove(ground)
         for stream in list(self._streams):
             if stream.send(now):
                 self._streams.remove(stream)
@@ -376,6 +421,13 @@ def _operator(number: int, metres: float) -> Any:
     )
 
 
+def _aircraft(_number: int, _metres: float) -> Any:
+    serial, multirotor = mavlink.MAV_ODID_ID_TYPE_SERIAL_NUMBER, mavlink.MAV_ODID_UA_TYPE_HELICOPTER_OR_MULTIROTOR
+    return mavlink.MAVLink_open_drone_id_basic_id_message(
+        0, 0, bytes(20), serial, multirotor, b"0000F1DRONE1".ljust(20)
+    )
+
+
 #: a place on Earth, in metres from its centre
 _BASE: Final = (3_855_000.0, 386_000.0, 5_050_000.0)
 #: kind -> the component that sends it, and what makes one message of its number
@@ -383,6 +435,7 @@ _FEEDERS: Final[Mapping[str, tuple[int, Callable[[int, float], Any]]]] = {
     "rtk": (mavlink.MAV_COMP_ID_GPS, _corrections),
     "adsb": (mavlink.MAV_COMP_ID_ADSB, _traffic),
     "remote-id": (mavlink.MAV_COMP_ID_MISSIONPLANNER, _operator),
+    "basic-id": (mavlink.MAV_COMP_ID_MISSIONPLANNER, _aircraft),
 }
 
 

@@ -24,6 +24,7 @@ from mavproxy_handover.config.files import ConfigError
 from mavproxy_handover.mission.geodesy import offset
 from mavproxy_handover.mission.package import MissionPackage
 from mavproxy_handover.store.keys import KeysError
+from sitl.report.dataflash import corrections_logged
 from sitl.report.evidence import Evidence, RunNotes, of_vehicle, seen_of
 from sitl.report.journal_reader import Entry, JournalReader
 from sitl.report.loss import measure
@@ -42,7 +43,7 @@ from sitl.run.story import Story
 from sitl.run.transmitter import Transmitter
 from sitl.run.watchers import Watchers
 from sitl.run.wiring import BOX, COMPANION, IMPAIRMENT, LINES, Program, Wiring, lay_out
-from sitl.script.expect import ALWAYS, Loss, OfVehicle
+from sitl.script.expect import ALWAYS, Corrections, Loss, OfVehicle
 from sitl.script.places import SetupError, guard_files
 from sitl.script.scenario import Scenario, Step
 from sitl.script.steps import Running, Steady, StepFailed
@@ -502,6 +503,8 @@ class _Flight:
         if any(isinstance(expectation, Loss) for expectation in self.order.scenario.expectations):
             names = {station.name for station in self.order.package.stations} - set(self.order.scenario.standard)
             self.notes.losses = {name: measure(self.order.folder / name / f"{name}.tlog") for name in names}
+        if any(isinstance(expectation, Corrections) for expectation in self.order.scenario.expectations):
+            self.notes.corrections = corrections_logged(self.order.folder / "vehicle" / "logs")
         entries, vehicles = self.reader.entries, [FIRST[0], *self._others]
         evidence = Evidence(of_vehicle(entries, FIRST[0], vehicles), self.order.package, self.notes)
         evidence.others = {

@@ -39,7 +39,9 @@ from mavproxy_handover.store.keys import key_path, write_key
 from sitl.run import panel_driver
 from sitl.run.bad_disks import on_slow_disk
 from sitl.run.fleet import FIRST, Craft, first_of
+from sitl.run.line_listener import LISTENER
 from sitl.run.sites import HERE, Reach, Site
+from sitl.run.transponder import TRANSPONDER
 from sitl.script.places import SetupError, mission_folder
 from sitl.script.scenario import AUTOPILOT, Scenario, panel_of, program_of
 from sitl.script.weather import Weather
@@ -152,7 +154,7 @@ class Wiring:
     card: tuple[Path, ...] = ()
     #: words before the companion's command line
     companion_under: tuple[str, ...] = ()
-    #: the serial line to the autopilot, as MAVProxy names it, if there is one
+    #: what the companion opens instead of the autopilot's port, as MAVProxy names it: a serial line, or the listener's
     line: str = ""
     #: configurations of the further vehicles' companions, by vehicle
     others: Mapping[str, Path] = field(default_factory=dict)
@@ -168,7 +170,8 @@ class Wiring:
     def programs_between(self, master: str, truth: str) -> tuple[Program, ...]:
         """The programs in links and beside the vehicle; `master`: the autopilot's port, `truth`: another one of it."""
         port = ("--autopilot", master.rsplit(":", 1)[1]) if self.line else ()
-        more = {LINES: port, BOX: ("--vehicle", truth)}
+        truth_port = truth.rsplit(":", 1)[1]
+        more = {LINES: port, LISTENER: port, BOX: ("--vehicle", truth), TRANSPONDER: ("--autopilot", truth_port)}
         return tuple(replace(program, argv=(*program.argv, *more.get(program.name, ()))) for program in self.between)
 
     def companion(self, master: str) -> Program:
@@ -192,6 +195,13 @@ class _Between:
         self.served = {name: ports.udp() for name in scenario.served}
         #: port of the link of the program on the companion, if there is one
         self.onboard = ports.udp() if scenario.onboard else 0
+        #: port of the listener on the autopilot's line, if there is one
+        self.listener = ports.tcp() if scenario.listen else 0
+
+    @property
+    def master(self) -> str:
+        """The listener's address for the companion; "": it opens the autopilot's own port."""
+        return f"tcp:{LOOPBACK}:{self.listener}" if self.listener else ""
 
     def _impaired(self, kind: str) -> bool:
         return self._scenario.impair is not None and kind in self._scenario.impair.links
@@ -257,6 +267,19 @@ class _Between:
             started = (*onboard,) if onboard else (sys.executable, "-m", "sitl.run.onboard")
             options = ("--vehicle", str(SYSID), "--component", str(ONBOARD_COMPONENT), "--port", str(self.onboard))
             programs.append(Program(ONBOARD, (*started, *options, "--journal", str(journal)), home, journal))
+        if self.listener:
+            home = folder / LISTENER
+            journal = home / f"{LISTENER}.jsonl"
+            own = {"journal": str(journal), "listen": self.listener, "messages": list(self._scenario.listen)}
+            config = write_toml(home / f"{LISTENER}.toml", {}, own)
+            argv = (sys.executable, "-m", "sitl.run.line_listener", "--config", str(config))
+            programs.append(Program(LISTENER, argv, home, journal))
+        if self._scenario.transponder:
+            home = folder / TRANSPONDER
+            journal = home / f"{TRANSPONDER}.jsonl"
+            config = write_toml(home / f"{TRANSPONDER}.toml", {}, {"journal": str(journal), "vehicle": SYSID})
+            argv = (sys.executable, "-m", "sitl.run.transponder", "--config", str(config))
+            programs.append(Program(TRANSPONDER, argv, home, journal))
         programs += [_served(folder, name, port) for name, port in self.served.items()]
         return tuple(programs)
 
@@ -389,7 +412,7 @@ def lay_out(
         tuple(proxy["name"] for proxy in between.proxies),
         card,
         on_slow_disk(folder / COMPANION, scenario.fsync_s) if scenario.fsync_s else (),
-        f"{to_autopilot[0]},{to_autopilot[2]}" if to_autopilot else "",
+        f"{to_autopilot[0]},{to_autopilot[2]}" if to_autopilot else between.master,
         {each.craft.name: each.companion(folder, scenario) for each in beside},
     )
 

@@ -25,7 +25,7 @@ from sitl.report.matching import Match, describe, last_line, matches
 from sitl.report.record import Verdict
 from sitl.report.watch import VEHICLE
 
-__all__ = ["ALWAYS", "EXPECTATIONS", "Expectation", "Loss", "OfVehicle"]
+__all__ = ["ALWAYS", "EXPECTATIONS", "Corrections", "Expectation", "Loss", "OfVehicle"]
 
 #: two programs may give the same moment times that differ by so much (s)
 _SAME_MOMENT_S: Final = 0.1
@@ -160,6 +160,38 @@ class Follows(Expectation):
         stations = other.get("station"), entry.get("station")
         same = None in stations or stations[0] == stations[1]
         return other.t <= entry.t and same and self.number in (None, other.get("number"))
+
+
+@dataclass(frozen=True, slots=True)
+class Corrections(Expectation):
+    """From one moment to another, RTK corrections reach the autopilot without a longer pause. Labels name the moments.
+
+    What counts is the autopilot's own log. A vehicle that writes none is judged by the listener on its line.
+    """
+
+    after: str
+    until: str
+    gap_below_s: float
+
+    def labels(self) -> tuple[str, ...]:
+        return (self.after, self.until)
+
+    def judge(self, evidence: Evidence) -> Verdict:
+        wanted = f"corrections without a gap of {self.gap_below_s:g} s from '{self.after}' to '{self.until}'"
+        marks, logged = evidence.notes.marks, evidence.notes.corrections
+        if self.after not in marks or self.until not in marks:
+            return Verdict(False, wanted, "one of the two never came")
+        begin, end = (evidence.sim_at(marks[label]) for label in self.labels())
+        lined = [
+            evidence.sim_at(entry.t)
+            for entry in evidence.of(event="to_autopilot")
+            if entry.get("what") == "GPS_RTCM_DATA"
+        ]
+        inside = [time for time in (lined if logged is None else logged) if begin <= time <= end]
+        longest = max(later - earlier for earlier, later in pairwise([begin, *inside, end]))
+        source = "on the autopilot's line" if logged is None else "in the autopilot's log"
+        seen = f"{len(inside)} {source}, the longest gap is {longest:.2f} s"
+        return Verdict(bool(inside) and longest < self.gap_below_s, wanted, seen)
 
 
 @dataclass(frozen=True, slots=True)
@@ -502,6 +534,7 @@ EXPECTATIONS: Mapping[str, type[Expectation]] = {
     "count": Count,
     "number": Number,
     "follows": Follows,
+    "corrections": Corrections,
     "quiet": Quiet,
     "memory": Memory,
     "commands": Commands,

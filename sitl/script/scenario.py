@@ -32,6 +32,8 @@ Before the steps stands what the flight is made of, where that differs from the 
     onboard = {rights = ["guided"]}  a program on the companion (`sitl.run.onboard`): its [[onboard]] without link
     box = {source = "box"}         a position box; [position] of the vehicle's configuration, without where the box is
     feeds = {rtk = ["GCSA"]}       [feeds] of the vehicle's configuration
+    listen = ["TERRAIN_DATA"]      messages on the line between companion and autopilot; the process is called listener
+    transponder = true             a Remote ID transponder on the autopilot's SERIAL0; the process is called transponder
     fsync_s = 2.0                  each time that the companion waits for its disk takes this long
     fleet = {drone-2 = "linear"}   further vehicles, each with a mission of its own and the same stations
 
@@ -51,6 +53,8 @@ from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
+
+from pymavlink.dialects.v20 import handover as mavlink
 
 from mavproxy_handover.config.feeds import feed_settings
 from mavproxy_handover.config.files import ConfigError
@@ -124,6 +128,8 @@ _KEYS = (
     "payload",
     "box",
     "feeds",
+    "listen",
+    "transponder",
     "fsync_s",
     "fleet",
     "limits",
@@ -148,6 +154,8 @@ _NOT_OF_A_FLEET = (
     "payload",
     "guard_key",
     "box",
+    "listen",
+    "transponder",
     "fsync_s",
     "on_board",
 )
@@ -269,6 +277,10 @@ class Scenario:
     box: Mapping[str, str | float] = field(default_factory=dict)
     #: [feeds] of the vehicle's configuration
     feeds: Mapping[str, Any] = field(default_factory=dict)
+    #: messages that are journalled on the line between companion and autopilot
+    listen: tuple[str, ...] = ()
+    #: whether a Remote ID transponder is on the autopilot
+    transponder: bool = False
     #: how long the companion's disk takes, if it is a slow one
     fsync_s: float = 0.0
     #: further vehicles: name -> mission
@@ -284,6 +296,16 @@ def _feeds(reader: Reader, data: Mapping[str, Any]) -> Mapping[str, Any]:
     except ConfigError as error:
         raise reader.error("feeds", str(error).partition("] ")[2]) from None
     return table
+
+
+def _listen(reader: Reader, data: Mapping[str, Any]) -> tuple[str, ...]:
+    """Names of messages, each a known one. Raises ScenarioError."""
+    names: tuple[str, ...] = reader.value(data, "listen", tuple[str, ...], ())
+    known = {kind.msgname for kind in mavlink.mavlink_map.values()}
+    for name in names:
+        if name not in known:
+            raise reader.error("listen", f"{name!r} is no message")
+    return names
 
 
 def program_of(station: str) -> str:
@@ -372,6 +394,8 @@ def parse_scenario(text: str, file: str) -> Scenario:
             for number, table in enumerate(reader.tables(data, "serial"), 1)
         ),
         feeds=_feeds(reader, data),
+        listen=_listen(reader, data),
+        transponder=reader.value(data, "transponder", bool, False),
         rogue=reader.value(data, "rogue", tuple[str, ...], ()),
         onboard=reader.table(data, "onboard", {}),
         payload=reader.table(data, "payload", {}),
@@ -403,6 +427,8 @@ def _check_lines(reader: Reader, scenario: Scenario) -> None:
                 raise reader.error("serial", f"{name!r} has a serial line, and cannot be in {key}")
         if names.count(name) > 1:
             raise reader.error("serial", f"{name!r} has two lines")
+    if AUTOPILOT in names and scenario.listen:
+        raise reader.error("listen", "the line to the autopilot is a serial one: nothing listens there")
 
 
 def _check_address(reader: Reader, scenario: Scenario) -> None:

@@ -577,3 +577,34 @@ def _offset(kind: type[dialect.MAVLink_message], name: str) -> int:
     sizes = {"b": 1, "B": 1, "c": 1, "h": 2, "H": 2, "i": 4, "I": 4, "f": 4, "q": 8, "Q": 8, "d": 8}
     letters = [letter for letter in kind.native_format.decode() if letter in sizes]
     return sum(sizes[letter] for letter in letters[: kind.ordered_fieldnames.index(name)])
+
+
+# -- Remote ID --------------------------------------------------------------------------------------------------------
+
+
+def operator_at(lat: int, *, whole: bool) -> dialect.MAVLink_message:
+    if whole:
+        return dialect.MAVLink_open_drone_id_system_message(0, 0, bytes(20), 1, 0, lat, 7, 1, 0, 0, 0, 0, 0, 2.0, 3)
+    return dialect.MAVLink_open_drone_id_system_update_message(0, 0, lat, 7, 2.0, 3)
+
+
+def test_the_transponder_gets_the_place_that_came_last() -> None:
+    bench = Bench({"DID_ENABLE": 1, "DID_MAVPORT": 2}, channels=(1, 2))
+    for whole, lat in ((True, 5), (False, 6)):
+        bench.send(operator_at(lat, whole=whole))
+        bench.run(1.5)
+    own = [
+        heard
+        for heard in bench.heard
+        if heard.message.get_type() == "OPEN_DRONE_ID_SYSTEM" and heard.message.get_srcComponent() == 1
+    ]
+    assert {heard.channel for heard in own} == {2}
+    places = [heard.message.operator_latitude for heard in own]
+    assert sorted(set(places), key=places.index)[-2:] == [5, 6]
+
+
+def test_without_remote_id_nothing_goes_to_a_transponder() -> None:
+    bench = Bench({"DID_MAVPORT": 2}, channels=(1, 2))
+    bench.send(operator_at(5, whole=True))
+    bench.run(1.5)
+    assert not [each for each in bench.heard if each.message.get_type().startswith("OPEN_DRONE_ID")]

@@ -287,3 +287,87 @@ def test_a_killed_process_starts_again_and_its_console_goes_on(processes: Proces
     assert second.pid != first.pid
     assert processes.dead() == []
     assert (second.resident_kb() or 0) > 1000
+
+
+# ---- beside the autopilot -------------------------------------------------------------------------------------------
+
+
+def begin_beside(processes: Processes, folder: Path, name: str, module: str, config: str) -> socket.socket:
+    """A program that connects to the autopilot; returns the autopilot's end, when the program is there."""
+    server = socket.create_server((LOOPBACK, 0))
+    _OPEN.append(server)
+    server.settimeout(60.0)
+    file = folder / f"{name}.toml"
+    file.write_text(f'journal = "{folder / name}.jsonl"\n{config}', encoding="utf-8")
+    argv = [sys.executable, "-m", module, "--config", str(file), "--autopilot", str(server.getsockname()[1])]
+    processes.start(name, argv, folder)
+    lines_of(folder / f"{name}.jsonl", "loaded")
+    return server
+
+
+def packed(message: Any, component: int = COMPANION) -> bytes:
+    data: bytes = message.pack(mavlink.MAVLink(None, srcSystem=1, srcComponent=component))
+    return data
+
+
+def block(bit: int, corner: tuple[float, float] = (52.0, 5.0)) -> Any:
+    where = (*(round(each * 1e7) for each in corner), 100, bit)
+    return mavlink.MAVLink_terrain_data_message(*where, list(range(16)))
+
+
+def test_the_listener_relays_every_byte_and_journals_what_it_is_told(processes: Processes, tmp_path: Path) -> None:
+    port = PortPicker().tcp()
+    config = f'listen = {port}\nmessages = ["TERRAIN_DATA", "TERRAIN_REPORT"]\n'
+    server = begin_beside(processes, tmp_path, "listener", "sitl.run.line_listener", config)
+    companion = socket.create_connection((LOOPBACK, port), 10.0)
+    autopilot, _ = server.accept()
+    _OPEN.extend((companion, autopilot))
+    sent = b"noise" + packed(block(9)) + packed(mavlink.MAVLink_system_time_message(1, 2))
+    companion.sendall(sent)
+    assert autopilot.recv(len(sent), socket.MSG_WAITALL) == sent
+    (entry,) = lines_of(tmp_path / "listener.jsonl", "to_autopilot")
+    assert (entry["what"], entry["component"], entry["gridbit"]) == ("TERRAIN_DATA", COMPANION, 9)
+    # the second row of blocks ends seven steps of 100 m to the north
+    assert entry["north_deg"] == pytest.approx(52.0 + 700 / 111_319, abs=1e-6)
+    assert (entry["lowest_m"], entry["highest_m"]) == (0, 15)
+    told = packed(mavlink.MAVLink_terrain_report_message(1, 2, 100, 5.0, 6.0, 0, 56), component=1)
+    autopilot.sendall(told)
+    assert companion.recv(len(told), socket.MSG_WAITALL) == told
+    assert lines_of(tmp_path / "listener.jsonl", "from_autopilot")[0]["pending"] == 0
+    companion.close()  # it starts again
+    again = socket.create_connection((LOOPBACK, port), 10.0)
+    other, _ = server.accept()
+    _OPEN.extend((again, other))
+    again.sendall(sent)
+    assert other.recv(len(sent), socket.MSG_WAITALL) == sent
+
+
+def test_the_transponder_believes_the_autopilot_alone(processes: Processes, tmp_path: Path) -> None:
+    server = begin_beside(processes, tmp_path, "transponder", "sitl.run.transponder", "vehicle = 1\n")
+    autopilot, _ = server.accept()
+    _OPEN.append(autopilot)
+    autopilot.settimeout(10.0)
+    parser: Any = mavlink.MAVLink(None)
+    said = [message.get_type() for _ in range(2) for message in parser.parse_buffer(autopilot.recv(100)) or ()]
+    assert said[:2] == ["HEARTBEAT", "OPEN_DRONE_ID_ARM_STATUS"]
+
+    def operator(lat: int) -> Any:
+        return mavlink.MAVLink_open_drone_id_system_update_message(1, 0, lat, 50_000_000, 3.0, 4)
+
+    autopilot.sendall(packed(operator(1)) + packed(operator(2), component=1) * 2 + packed(operator(3), component=1))
+    journal = tmp_path / "transponder.jsonl"
+    while len(entries := lines_of(journal, "operator")) < 2:
+        time.sleep(0.02)
+    assert [entry["operator_latitude"] for entry in entries] == [2, 3]
+
+
+def test_a_program_beside_a_station_answers_for_the_ground(processes: Processes, tmp_path: Path) -> None:
+    child, companion, station = begin_rogue(processes, tmp_path)
+    child.type("terrain GCSB 252 70 60")
+    child.type("record GCSB")
+    lines_of(tmp_path / "rogue.jsonl", "recording")
+    companion.say(mavlink.MAVLink_terrain_request_message(520000000, 50000000, 100, 0b101))
+    assert station.recv(100), "the station hears it, too"
+    answers = [companion.hear("TERRAIN_DATA") for _ in range(1)]
+    assert (answers[0].gridbit, answers[0].data[0], answers[0].get_srcSystem()) == (0, 70, 252)
+    assert lines_of(tmp_path / "rogue.jsonl", "terrain_asked")[0]["parts"] == 2

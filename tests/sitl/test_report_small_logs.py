@@ -20,6 +20,7 @@ from pymavlink.dialects.v20 import handover as mavlink
 from mavproxy_handover.vehicle.profiles import COPTER
 from sitl.replay.reading import read_recording
 from sitl.replay.recording import RecordingError
+from sitl.report.dataflash import corrections_logged
 from sitl.report.page import main_report
 from tests.sitl.recorded import companion_entries, journal, station_entries
 
@@ -161,3 +162,19 @@ def test_a_telemetry_log_with_another_name_is_no_dataflash_log(tmp_path: Path) -
     log.write_bytes((LOGS / "two_hops.tlog").read_bytes())
     with pytest.raises(RecordingError, match=r"flight\.bin: not a dataflash log: it does not begin like one"):
         read_recording(log, COPTER)
+
+
+def record(number: int, pattern: str, *values: object) -> bytes:
+    return b"\xa3\x95" + bytes([number]) + struct.pack(pattern, *values)
+
+
+def test_the_newest_log_tells_when_corrections_came(tmp_path: Path) -> None:
+    assert corrections_logged(tmp_path) is None
+    columns = b"TimeUS,Chan,RTCMId,Len,CRC"
+    formats = record(128, "<BB4s16s64s", 128, 89, b"FMT", b"BBnNZ", b"Type,Length,Name,Format,Columns")
+    formats += record(128, "<BB4s16s64s", 140, 20, b"RTCM", b"QBHHI", columns)
+    rows = b"".join(record(140, "<QBHHI", round(s * 1e6), 1, 1005, 25, 7) for s in (30.5, 31.5))
+    (tmp_path / "00000001.BIN").write_bytes(formats)
+    assert corrections_logged(tmp_path) == []
+    (tmp_path / "00000002.BIN").write_bytes(formats + rows)
+    assert corrections_logged(tmp_path) == [30.5, 31.5]

@@ -227,6 +227,8 @@ def test_a_long_pause_has_time_to_end() -> None:
         ("[step]\npause_s = 1\n", ["step:", "[[step]]"]),
         ('fleet = {drone-1 = "linear"}\n' + STEP, ["[fleet] drone-1:", "must be drone-2 to drone-9"]),
         ("fleet = {drone-2 = 3}\n" + STEP, ["[fleet] drone-2:", "a text"]),
+        ('listen = ["GPS_RTMC_DATA"]\n' + STEP, ["listen:", "'GPS_RTMC_DATA' is no message"]),
+        ('listen = ["TERRAIN_DATA"]\nserial = [{lines = ["autopilot"]}]\n' + STEP, ["listen:", "a serial one"]),
         ('rogue = ["GCSA"]\nfleet = {drone-2 = "linear"}\n' + STEP, ["fleet:", "does not go together with rogue"]),
         ('[[step]]\nwait_landed = true\nvehicle = "drone-2"\n', ["vehicle:", "'drone-2' is not in [fleet]"]),
         ("x = [\n", ["not valid TOML"]),

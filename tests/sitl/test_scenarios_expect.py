@@ -17,6 +17,7 @@ from sitl.script.expect import (
     ALWAYS,
     Commanders,
     Commands,
+    Corrections,
     Count,
     Countdown,
     Emergencies,
@@ -469,3 +470,39 @@ class TestCountdown:
     def test_without_a_handover_it_fails(self) -> None:
         entries = [entry for entry in counted() if entry.event != "transfer_committed"]
         assert Countdown(15, 3).judge(evidence(entries)).seen.endswith("no handover was made")
+
+
+# ---- RTK corrections ------------------------------------------------------------------------------------------------
+
+
+def corrected(times: list[float], logged: list[float] | None = None, **marks: float) -> Evidence:
+    """Corrections on the autopilot's line at these simulated times, and those of its log."""
+    lined = [Entry(wall(sim_s), "listener", "to_autopilot", "", {"what": "GPS_RTCM_DATA"}) for sim_s in times]
+    found = evidence([*nominal(), *lined], marks={label: wall(sim_s) for label, sim_s in marks.items()})
+    found.notes.corrections = logged
+    return found
+
+
+SECONDS = [float(second) for second in range(100, 121)]
+
+
+@pytest.mark.parametrize(
+    ("times", "logged", "held"),
+    [
+        (SECONDS, None, True),
+        (SECONDS[:10] + SECONDS[11:], None, False),
+        (SECONDS[3:], None, False),
+        (SECONDS[:-3], None, False),
+        (SECONDS, [], False),
+        ([], SECONDS, True),
+        (SECONDS, SECONDS[:10] + SECONDS[11:], False),
+    ],
+)
+def test_corrections_have_no_gap(times: list[float], logged: list[float] | None, held: bool) -> None:
+    verdict = Corrections("fed", "later", 1.5).judge(corrected(times, logged, fed=100.0, later=120.0))
+    assert verdict.held is held, verdict
+    assert ("log" in verdict.seen) is (logged is not None)
+
+
+def test_a_moment_that_never_came_shows_no_corrections() -> None:
+    assert not Corrections("fed", "later", 1.5).judge(corrected(SECONDS, fed=100.0)).held

@@ -170,6 +170,16 @@ def test_without_a_serial_line_the_companion_goes_to_the_autopilot_itself(tmp_pa
     assert "--master=tcp:127.0.0.1:5762" in wiring.companion("tcp:127.0.0.1:5762").argv
 
 
+def test_the_listener_is_what_the_companion_opens(tmp_path: Path) -> None:
+    wiring = wired(tmp_path, 'listen = ["TERRAIN_DATA"]\ntransponder = true\n')
+    listener, transponder = wiring.programs_between("tcp:127.0.0.1:5762", "tcp:127.0.0.1:5760")
+    config = tomllib.loads((tmp_path / "listener" / "listener.toml").read_text())
+    assert config["messages"] == ["TERRAIN_DATA"]
+    assert listener.argv[-2:] == ("--autopilot", "5762")
+    assert transponder.argv[-2:] == ("--autopilot", "5760")
+    assert f"--master=tcp:127.0.0.1:{config['listen']}" in wiring.companion("tcp:127.0.0.1:5762").argv
+
+
 def test_the_rogue_sits_before_the_proxy(tmp_path: Path) -> None:
     wiring = wired(tmp_path, 'rogue = ["GCSB"]\n[impair]\nlinks = ["air"]\n')
     proxy, rogue = wiring.between

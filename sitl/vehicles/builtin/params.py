@@ -28,6 +28,9 @@ _DEFAULTS: dict[int, dict[str, float]] = {
         "BATT_FS_LOW_ACT": 0,
         "BATT_LOW_TIMER": 10,
         "BATT_MONITOR": 0,
+        "DID_CANDRIVER": 0,
+        "DID_ENABLE": 0,
+        "DID_MAVPORT": -1,
         "DISARM_DELAY": 10,
         "FENCE_ACTION": 1,
         "FENCE_ENABLE": 0,
@@ -53,6 +56,7 @@ _DEFAULTS: dict[int, dict[str, float]] = {
         "WP_YAW_BEHAVIOR": 2,
     },
     INT16: {
+        "DID_OPTIONS": 0,
         "FORMAT_VERSION": 120,
         "LAND_ALT_LOW": 1000,
         "LAND_SPEED": 50,

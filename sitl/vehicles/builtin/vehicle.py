@@ -31,6 +31,7 @@ from sitl.vehicles.builtin.mission_protocol import MissionProtocol
 from sitl.vehicles.builtin.param_protocol import ParameterProtocol
 from sitl.vehicles.builtin.params import ParameterTable
 from sitl.vehicles.builtin.radio import Radio
+from sitl.vehicles.builtin.remote_id import RemoteId
 from sitl.vehicles.builtin.routing import Router
 from sitl.vehicles.builtin.script_host import ScriptHost
 from sitl.vehicles.builtin.sticks import Sticks
@@ -100,6 +101,7 @@ class Vehicle:
         self.mission_protocol = MissionProtocol(self.autopilot)
         self.commands = Commands(self.autopilot, self._script_command)
         self._router = Router(self.links, self.parameters)
+        self._remote_id = RemoteId(self.parameters, self.links)
         self._text_id = 0
         self._reached: int | None = None
         self._heartbeat_due_s = 0.0
@@ -242,7 +244,7 @@ class Vehicle:
         elif kind in ("COMMAND_LONG", "COMMAND_INT"):
             if not self._script_blocks(message.command):
                 self.commands.handle(link, message)
-        elif not self.mission_protocol.handle(link, message):
+        elif not self._remote_id.handle(message) and not self.mission_protocol.handle(link, message):
             self.parameter_protocol.handle(link, message)
 
     def _request_stream(self, link: Link, message: dialect.MAVLink_message) -> None:
@@ -275,6 +277,7 @@ class Vehicle:
             for link in self.links.values():
                 link.send(dialect.MAVLink_mission_item_reached_message(self._reached))
             self._reached = None
+        self._remote_id.update(now_s)
         built: dict[int, dialect.MAVLink_message | None] = {}
         for link in self.links.values():
             if not link.connected:
