@@ -113,7 +113,7 @@ def assemble(
         conversations,
         reports.event_log.preflight,
         config.energy,
-        sensors,
+        sensors if config.onboard else None,
         budget.finding,
     )
     streams = Streams(context.procedures, reports.message_sender.ask_rates)

@@ -81,6 +81,7 @@ class Companion:
             ("send_authority_status", parts.beacons.send_authority_status, 0.5),
             ("each_second", parts.each_second.run, 1.0),
             ("payload", parts.operator.payload.each_second, 1.0),
+            ("onboard programs", self.onboard.each_second, 1.0),
             ("journal", lambda _now: self.journal.flush(), _JOURNAL_S),
             ("package_return", self._return_packages, 0.25),
         ]

@@ -193,6 +193,10 @@ class BasePlaces:
         """A base has said its place."""
         self._places[station] = place
 
+    def known(self, station: int) -> bool:
+        """Whether the base of a station has said its place."""
+        return station in self._places
+
     def follow(self, source: int | None, silent: bool, armed: bool) -> None:
         """Take the place of the source as the one that counts; while armed, only if there is none yet."""
         if armed and self._first is not None:

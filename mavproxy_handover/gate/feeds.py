@@ -10,7 +10,7 @@ contents, and a limit of bytes. The policy leaves every feed to this filter (`Ac
 3. A fault here drops the frame. It is reported, and only feeds depend on this module.
 4. People are told in words (`FeedNews`): all stations of another source, seldom if it changes often; a station of its
    own frames that do not pass, every `REMIND_S` for each reason. A station that waits as the next source is not told:
-   that is its place.
+   that is its place. A source whose base has not said its place for `PLACE_S` is told once.
 
 Memory is bounded by the stations and kinds. Time is an argument (monotonic seconds).
 """
@@ -21,6 +21,7 @@ import math
 import traceback
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from enum import Enum
 from typing import Final, NamedTuple
 
 from mavproxy_handover.core.feeds import BasePlaces, Block, FeedKind, FeedSettings, Source, TerrainRequests, Unnamed
@@ -33,7 +34,7 @@ from mavproxy_handover.wire.frames import Frame, field_bytes, field_float, field
 from mavproxy_handover.wire.message_ids import MESSAGE_IDS
 from mavproxy_handover.wire.rtcm import INJECTED_BYTES, RTCM_BYTES, BaseReader
 
-__all__ = ["KINDS", "NAMES", "REMIND_S", "FeedNews", "Feeds", "feed_bytes_per_s"]
+__all__ = ["KINDS", "NAMES", "PLACE_S", "REMIND_S", "FeedChange", "FeedNews", "Feeds", "feed_bytes_per_s"]
 
 #: message id -> kind of feed
 KINDS: Final[Mapping[int, FeedKind]] = {
@@ -62,6 +63,8 @@ REMIND_S: Final = 60.0
 #: texts about the source of one kind: one in this time (s), and so many at once
 _NEWS_S: Final = 10.0
 _NEWS_AT_ONCE: Final = 5.0
+#: a base says its place every ten seconds or more often: after this time (s) it does not say it at all
+PLACE_S: Final = 30.0
 #: head, check sum and start of a frame
 _FRAME_BYTES: Final = 12
 _RTCM: Final = MESSAGE_IDS["GPS_RTCM_DATA"]
@@ -83,13 +86,23 @@ def feed_bytes_per_s(kind: FeedKind, settings: FeedSettings) -> float:
     return _BYTES_PER_S.get(kind, settings.rtk_bytes_per_s)
 
 
+class FeedChange(Enum):
+    """What has changed about a feed, as the journal has it."""
+
+    SOURCE = "source"
+    SILENT = "silent"
+    NOT_USED = "not used"
+    NO_PLACE = "no place"
+
+
 class FeedNews(NamedTuple):
-    """A text for people. `station`: the one that it is for; None: all. `source`: the station that is the source now."""
+    """A text for people. `station`: the one that it is for; None: all. `about`: the station whose feed it is."""
 
     kind: FeedKind
     text: str
     station: int | None
-    source: str | None
+    about: str
+    change: FeedChange
 
 
 @dataclass(slots=True)
@@ -125,6 +138,8 @@ class Feeds:
         self._news_room = {kind: RateLimit(1.0 / _NEWS_S, _NEWS_AT_ONCE) for kind in FeedKind}
         #: when a station was told of frames that do not pass
         self._told_at: dict[tuple[int, FeedKind, GateReason], float] = {}
+        #: station -> when its first corrections came, while its base has not said its place
+        self._placeless: dict[int, float] = {}
         self._ticked_at = -math.inf
 
     # ---- frames ---------------------------------------------------------------------------------------------------
@@ -165,22 +180,33 @@ class Feeds:
 
     def _offer(self, frame: Frame, kind: FeedKind, station: int, now: float) -> GateReason:
         source, armed = self.sources[kind], self._in_force.view.armed
-        fits = kind is not FeedKind.RTK or self._fits(frame, station)
+        fits = kind is not FeedKind.RTK or self._fits(frame, station, now)
         passes = source.offer(station, fits, armed, now)
         self._news(kind, now)
         if passes:
             return GateReason.ALLOWED
         return GateReason.FEED_STANDBY if fits else self._tell(station, kind, GateReason.FEED_PLACE, now)
 
-    def _fits(self, frame: Frame, station: int) -> bool:
+    def _fits(self, frame: Frame, station: int, now: float) -> bool:
         """Note the place of a base, if the frame completes it; whether the base may be used."""
         reader, data = self._readers[station], field_bytes(frame, "data")[: field_int(frame, "len")]
         place = reader.fragment(field_int(frame, "flags"), data) if frame.msgid == _RTCM else reader.stream(data)
         if place is not None:
             self._places.note(station, place)
+        if not self._places.known(station):
+            self._tell_placeless(station, now)
         source = self.sources[FeedKind.RTK]
         self._places.follow(source.station, source.silent, self._in_force.view.armed)
         return self._places.fits(station, source.station)
+
+    def _tell_placeless(self, station: int, now: float) -> None:
+        """Tell all stations once of a base that does not say its place, though its corrections are used."""
+        since = self._placeless.setdefault(station, now)
+        if station == self.sources[FeedKind.RTK].station and since <= now - PLACE_S:
+            self._placeless[station] = math.inf
+            name = self._names[station]
+            text = f"The base of {name} does not send its place (RTCM 1005 or 1006): a second base is not checked."
+            self.untold.append(FeedNews(FeedKind.RTK, text, None, name, FeedChange.NO_PLACE))
 
     def _affords(self, station: int, kind: FeedKind, size: int, now: float) -> bool:
         """Whether the limit of a station has `size` bytes left. If so, they are deducted."""
@@ -236,23 +262,25 @@ class Feeds:
             text = f"from {name} again"
         else:
             text = f"from {name}" + ("" if before[0] is None else f" after {self._names[before[0]]}")
-        self.untold.append(FeedNews(kind, f"{what}: {text}.", None, None if silent else name))
+        change = FeedChange.SILENT if silent else FeedChange.SOURCE
+        self.untold.append(FeedNews(kind, f"{what}: {text}.", None, name, change))
 
     def _tell(self, station: int, kind: FeedKind, reason: GateReason, now: float) -> GateReason:
         """Tell a station why its frames do not pass, now and then. Returns the reason."""
         if now - self._told_at.get((station, kind, reason), -math.inf) >= REMIND_S:
             self._told_at[station, kind, reason] = now
-            text = f"{NAMES[kind]} of {self._names[station]} are not used: {self._why(station, kind, reason)}."
+            name = self._names[station]
+            text = f"{NAMES[kind]} of {name} are not used: {self._why(station, kind, reason)}."
             # another base is of interest to the commander, too
             receiver = None if reason is GateReason.FEED_PLACE else station
-            self.untold.append(FeedNews(kind, text, receiver, None))
+            self.untold.append(FeedNews(kind, text, receiver, name, FeedChange.NOT_USED))
         return reason
 
     def _why(self, station: int, kind: FeedKind, reason: GateReason) -> str:
         if reason is GateReason.FEED_PLACE:
             apart_m, first = self._places.apart_m(station), self._places.first
-            if not apart_m or first is None:
-                return "the place of its base is not known yet"
+            if first is None or not self._places.known(station):
+                return "its base has not sent its place (RTCM 1005 or 1006)"
             away = f"{apart_m:.1f} m" if apart_m < 1000.0 else f"{apart_m / 1000.0:.1f} km"
             return f"its base is {away} from that of {self._names[first]} (rtk_apart_m {self._settings.rtk_apart_m:g})"
         return {

@@ -27,6 +27,12 @@ _SENTENCES: Final = (
         "Look after the base and its program at the station.",
     ),
     Sentence(
+        "The base of {station} does not send its place (RTCM 1005 or 1006): a second base is not checked.",
+        Level.ADVISORY,
+        "The corrections are used. Another station's base could be elsewhere, and then the position would jump.",
+        "Switch on message 1005 or 1006 at the base, every ten seconds.",
+    ),
+    Sentence(
         "{feed} of {station} are not used: {feed_why}.",
         Level.WARNING,
         "Frames of this feed do not go to the autopilot. The reason follows.",
@@ -60,10 +66,10 @@ _WHY: Final = (
         "Correct the place of the base. If each station has a base of its own, raise rtk_apart_m in [feeds].",
     ),
     Sentence(
-        "the place of its base is not known yet",
+        "its base has not sent its place (RTCM 1005 or 1006)",
         Level.WARNING,
-        "The base has not sent message 1005 or 1006 of RTCM 3.",
-        "Wait, or have the base send its place every ten seconds.",
+        "Without its place it cannot be compared with the base that is used.",
+        "Wait ten seconds, or switch on message 1005 or 1006 at the base.",
     ),
     Sentence(
         "too many bytes in a second",

@@ -91,6 +91,16 @@ _FINDINGS: Final = (
         "Set the parameter if the sensor is meant, or remove the message from [[onboard]].",
     ),
     _warn(
+        "{parameter} is {number}, and no onboard program may send {name}",
+        "The autopilot expects this sensor by MAVLink, and the vehicle's file lets no program send it.",
+        "Name the message in [[onboard]], or pass over this if another port of the autopilot has the sensor.",
+    ),
+    _warn(
+        "{parameter} is {number}, and no onboard program may send {name} or its like",
+        "The autopilot expects this sensor by MAVLink, and the vehicle's file lets no program send it.",
+        "Name the message in [[onboard]], or pass over this if another port of the autopilot has the sensor.",
+    ),
+    _warn(
         "{name} of an onboard program moves {autopilot}",
         "The autopilot flies by this message of an onboard program. The parameters say where.",
         "Check the sensor on the ground before each flight.",

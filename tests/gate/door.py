@@ -93,7 +93,7 @@ class Door:
         #: what stations were told of feeds
         self.feed_news: list[FeedNews] = []
         self.now = 1000.0
-        self._step_s = step_s
+        self.step_s = step_s
         pass_on = to_autopilot or self.passed.append
         reports = GateReports(
             lambda where, text: self.faults.append(f"{where}: {text}"),
@@ -139,7 +139,7 @@ class Door:
 
     def up(self, station: StationIdentity, frame: Frame) -> Came:
         """A frame arrives from a station."""
-        self.now += self._step_s
+        self.now += self.step_s
         port, before = self.ports[station.sysid], len(self.passed)
         heard = len(port.heard)
         verdict = self.gate.up(port, frame, self.now)
@@ -147,7 +147,7 @@ class Door:
 
     def down(self, frame: Frame) -> set[int]:
         """The vehicle says something; the stations that hear it, each of them once and unchanged."""
-        self.now += self._step_s
+        self.now += self.step_s
         before = {sysid: len(port.heard) for sysid, port in self.ports.items()}
         self.gate.down(frame, self.now)
         heard = {sysid: port.heard[before[sysid] :] for sysid, port in self.ports.items()}
@@ -156,5 +156,5 @@ class Door:
 
     def change(self, view: AuthorityView) -> list[tuple[int, Closing]]:
         """Another view is in force."""
-        self.now += self._step_s
+        self.now += self.step_s
         return self.gate.change(view, self.now)

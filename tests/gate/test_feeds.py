@@ -16,7 +16,7 @@ from pymavlink.dialects.v20 import handover as mavlink
 
 from mavproxy_handover.core.common.model import AuthorityView, LeaseState, Phase
 from mavproxy_handover.core.feeds import FeedKind, FeedSettings
-from mavproxy_handover.gate.feeds import KINDS, Feeds
+from mavproxy_handover.gate.feeds import KINDS, PLACE_S, FeedChange, Feeds
 from mavproxy_handover.gate.judge import Fate, GateReason, StationIdentity
 from mavproxy_handover.gate.policy.access import Access
 from mavproxy_handover.wire.frames import Frame
@@ -140,9 +140,9 @@ def test_a_handover_changes_nothing_and_a_silent_source_does(make: Make) -> None
     assert passed[-1][1] == GCSB
     gap = next(at for at, station in passed if station == GCSB) - max(at for at, s in passed if s == GCSA)
     assert 3.0 < gap <= 4.3
-    assert [(news.text, news.station, news.source) for news in door.feed_news] == [
-        ("RTK corrections: from GCSA.", None, "GCSA"),
-        ("RTK corrections: from GCSB after GCSA.", None, "GCSB"),
+    assert [(news.text, news.station, news.about, news.change) for news in door.feed_news] == [
+        ("RTK corrections: from GCSA.", None, "GCSA", FeedChange.SOURCE),
+        ("RTK corrections: from GCSB after GCSA.", None, "GCSB", FeedChange.SOURCE),
     ]
 
 
@@ -209,6 +209,41 @@ def test_another_base_elsewhere_is_told_to_all_and_not_taken(make: Make) -> None
         ("RTK corrections: none. GCSA is silent for 3 s.", None),
     ]
     assert door.up(B, rtcm(make, GCSB, base(HERE[0] + 0.5, *HERE[1:]))).verdict.fate is Fate.FORWARD
+
+
+def each_second(door: Door, seconds: int, *frames: tuple[StationIdentity, Frame]) -> list[str]:
+    """Corrections for so long; the texts that are told."""
+    for _second in range(seconds):
+        door.now += 1.0 - door.step_s * len(frames)
+        for station, frame in frames:
+            door.up(station, frame)
+    door.gate.tick(door.now)
+    return [news.text for news in door.feed_news]
+
+
+def test_a_source_whose_base_never_says_its_place_is_told_once(make: Make) -> None:
+    door = door_with(settings(GCSA, GCSB))
+    assert each_second(door, int(PLACE_S) - 1, (A, rtcm(make, GCSA))) == ["RTK corrections: from GCSA."]
+    texts = each_second(door, 200, (A, rtcm(make, GCSA)))
+    assert texts[1:] == ["The base of GCSA does not send its place (RTCM 1005 or 1006): a second base is not checked."]
+
+
+def test_a_base_that_says_its_place_now_and_then_is_no_news(make: Make) -> None:
+    door = door_with(settings(GCSA))
+    for _time in range(5):
+        door.up(A, rtcm(make, GCSA, base(*HERE)))
+        texts = each_second(door, int(PLACE_S), (A, rtcm(make, GCSA)))
+    assert texts == ["RTK corrections: from GCSA."]
+
+
+def test_a_second_base_without_its_place_is_not_taken_and_told_why(make: Make) -> None:
+    door = door_with(settings(GCSA, GCSB))
+    door.up(A, rtcm(make, GCSA, base(*HERE)))
+    texts = each_second(door, 50, (A, rtcm(make, GCSA)), (B, rtcm(make, GCSB)))
+    assert texts[1:] == [
+        "RTK corrections of GCSB are not used: its base has not sent its place (RTCM 1005 or 1006)."
+    ], "once a minute"
+    assert door.feed_news[-1][2:] == (None, "GCSB", FeedChange.NOT_USED)
 
 
 def test_bases_that_are_apart_on_purpose_may_follow_each_other(make: Make) -> None:

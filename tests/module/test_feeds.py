@@ -43,7 +43,7 @@ def test_corrections_and_traffic_of_a_station_without_authority_reach_the_autopi
         fed.run(1.0)
     assert of(fed, "GPS_RTCM_DATA", 252) == of(fed, "ADSB_VEHICLE", 252) == 5
     assert of(fed, "GPS_RTCM_DATA", 251) == of(fed, "ADSB_VEHICLE", 251) == 0
-    sources = {(entry["kind"], entry["station"]) for entry in fed.journal("feed") if "station" in entry}
+    sources = {(entry["kind"], entry["station"]) for entry in fed.journal("feed") if entry["change"] == "source"}
     assert sources == {("rtk", "GCSB"), ("adsb", "GCSB")}
     for station in (fed.a, fed.b):
         assert "RTK corrections: from GCSB." in station.texts()

@@ -193,6 +193,19 @@ def test_a_program_with_another_component_than_configured_is_told_in_the_journal
     ]
 
 
+def test_the_journal_says_when_it_is_heard_and_when_it_is_silent(bench: Bench, program: Program) -> None:
+    configure(bench, program, "[]")
+    bench.connect()
+    bench.run(3.0)
+    assert bench.journal("onboard") == []
+    for _second in range(3):
+        program.send(mavlink.MAVLink_heartbeat_message(18, 8, 0, 0, 4, 3))
+        bench.wait(1.0)
+    bench.run(8.0)
+    found = [(entry["text"], entry["heard"]) for entry in bench.journal("onboard")]
+    assert found == [("precland is heard", True), ("precland is silent for 5 s", False)]
+
+
 def test_a_fault_closes_that_link_and_nothing_else(
     bench: Bench, program: Program, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -493,6 +506,15 @@ def test_preflight_says_that_the_limits_do_not_fit_the_line(bench: Bench, progra
     bench.wait(0.5)
     assert 0 < len(written(bench, "ODOMETRY")) < 30
     assert "odometry of precland refused: the line to the autopilot has no more room" in program.texts()
+
+
+def test_preflight_says_which_sensor_no_program_sends(bench: Bench, program: Program) -> None:
+    configure(bench, program, "[]")
+    bench.autopilot.parameters.update({"PRX1_TYPE": 2.0})
+    bench.connect()
+    bench.until(lambda: bench.companion.autopilot.preflight.findings is not None, 60.0)
+    texts = [finding.text for finding in bench.companion.autopilot.preflight.findings]
+    assert "PRX1_TYPE is 2, and no onboard program may send OBSTACLE_DISTANCE or its like" in texts
 
 
 def test_who_asks_for_the_payload_again_and_again_is_not_told_to_all(bench: Bench, delivery: MissionPackage) -> None:

@@ -55,6 +55,37 @@ def test_a_block_inside_the_grid_is_answered_aboard(bench: Bench, delivery: Miss
 
 
 @pytest.mark.usefixtures("level")
+def test_before_home_is_known_what_is_inside_waits(
+    bench: Bench, delivery: MissionPackage, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    home = bring(bench, delivery, 7.0)
+    bench.autopilot.received.clear()
+    bench.a.received.clear()
+    with monkeypatch.context() as unknown:
+        unknown.setattr("mavproxy_handover.vehicle.state.VehicleState.home_alt_m", None)
+        ask(bench, *home, 1)
+        ask(bench, home[0] + 1.0, home[1], 1)
+        bench.run(1.0)
+    assert bench.autopilot.got("TERRAIN_DATA") == []
+    asked = bench.a.got("TERRAIN_REQUEST")
+    assert [message.lat for message in asked] == [round((home[0] + 1.0) * 1e7)]
+    ask(bench, *home, 1)
+    bench.run(1.0)
+    assert [message.gridbit for message in bench.autopilot.got("TERRAIN_DATA")] == [0]
+
+
+@pytest.mark.usefixtures("level")
+def test_a_grid_that_does_not_have_home_is_not_used(bench: Bench, delivery: MissionPackage) -> None:
+    home = bring(bench, delivery, 7.0)
+    bench.companion.autopilot.aircraft.has_home(home[0] + 2.0, home[1], bench.clock.now)
+    bench.autopilot.received.clear()
+    ask(bench, *home, 1)
+    bench.run(0.3)
+    assert bench.autopilot.got("TERRAIN_DATA") == []
+    assert len(bench.a.got("TERRAIN_REQUEST")) == 1
+
+
+@pytest.mark.usefixtures("level")
 def test_what_is_not_inside_goes_to_the_commander(bench: Bench, delivery: MissionPackage) -> None:
     home = bring(bench, delivery, 7.0)
     bench.autopilot.received.clear()

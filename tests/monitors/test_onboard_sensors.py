@@ -47,3 +47,39 @@ def test_a_landing_that_waits_for_its_target_forever_is_found(strict: float, ena
     texts = [text for text in sensor_findings(parameters, ["LANDING_TARGET"]) if text.startswith("PLND_STRICT 2")]
     assert len(texts) == found
     assert "PLND_STRICT" in SENSOR_PARAMETERS
+
+
+@pytest.mark.parametrize(
+    ("parameters", "sensors", "texts"),
+    [
+        ({"PRX1_TYPE": 2.0}, [], ["PRX1_TYPE is 2, and no onboard program may send OBSTACLE_DISTANCE or its like"]),
+        ({"PRX1_TYPE": 4.0}, [], []),
+        ({"GPS1_TYPE": 1.0, "GPS2_TYPE": 14.0}, [], ["GPS2_TYPE is 14, and no onboard program may send GPS_INPUT"]),
+        ({"PLND_TYPE": 1.0, "PLND_ENABLED": 0.0}, [], []),
+        (
+            {"PLND_TYPE": 1.0, "PLND_ENABLED": 1.0},
+            [],
+            ["PLND_TYPE is 1, and no onboard program may send LANDING_TARGET"],
+        ),
+        (
+            {"VISO_TYPE": 1.0, "EK3_SRC1_POSXY": 6.0},
+            ["VISION_POSITION_ESTIMATE"],
+            ["VISION_POSITION_ESTIMATE of an onboard program moves the position estimate (EK3_SRC1_POSXY)"],
+        ),
+        (
+            {"PRX1_TYPE": 2.0},
+            ["DISTANCE_SENSOR"],
+            ["DISTANCE_SENSOR of an onboard program moves avoidance, which can block a return (PRX1_TYPE)"],
+        ),
+    ],
+)
+def test_a_sensor_that_is_expected_and_that_no_program_may_send(
+    parameters: dict[str, float], sensors: list[str], texts: list[str]
+) -> None:
+    assert list(sensor_findings(parameters, sensors)) == texts
+
+
+def test_every_vision_message_counts_for_vision() -> None:
+    vision = {"VISO_TYPE": 1.0}
+    (found,) = sensor_findings(vision, [])
+    assert found == "VISO_TYPE is 1, and no onboard program may send ATT_POS_MOCAP or its like"

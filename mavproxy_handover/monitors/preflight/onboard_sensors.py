@@ -3,14 +3,14 @@
 """Which sensor messages of onboard programs the autopilot uses, by its parameters.
 
 A message that it uses is a finding, because it moves estimate, landing or avoidance. One that it does not use is a
-finding too: the program was set up for nothing.
+finding too: the program was set up for nothing. So is a sensor that it expects by MAVLink while no program may send it.
 
 Sources: ArduPilot's AC_PrecLand, AP_Proximity, AP_RangeFinder, AP_OpticalFlow, AP_GPS, AP_VisualOdom, AP_NavEKF_Source.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Mapping
 from typing import Final
 
 from mavproxy_handover.gate.policy.onboard import SENSORS
@@ -44,13 +44,36 @@ SENSOR_PARAMETERS: Final = (
 )
 
 
-def sensor_findings(parameters: Mapping[str, float], sensors: Iterable[str]) -> tuple[str, ...]:
-    """A finding for each of these sensor messages, in words, and that no landing ends without its target. `parameters`:
-    those that the autopilot has."""
+#: parameter and value by which the autopilot expects a sensor by MAVLink -> the messages that it takes; the sources
+#: of its estimator (EK3_SRC) are no sensors
+_EXPECTED: Final[Mapping[tuple[str, int], tuple[str, ...]]] = {
+    ("PLND_TYPE", 1): ("LANDING_TARGET",),
+    ("PRX1_TYPE", 2): ("OBSTACLE_DISTANCE", "OBSTACLE_DISTANCE_3D", "DISTANCE_SENSOR"),
+    ("RNGFND1_TYPE", 10): ("DISTANCE_SENSOR",),
+    ("FLOW_TYPE", 5): ("OPTICAL_FLOW",),
+    ("GPS1_TYPE", 14): ("GPS_INPUT",),
+    ("GPS_TYPE", 14): ("GPS_INPUT",),
+    ("GPS2_TYPE", 14): ("GPS_INPUT",),
+    ("VISO_TYPE", 1): tuple(sorted(set(SENSORS) - set(_USES))),
+}
+
+
+def sensor_findings(parameters: Mapping[str, float], sensors: Collection[str]) -> tuple[str, ...]:
+    """A finding for each of these sensor messages, for each sensor that none of them is for, and that no landing ends
+    without its target. `parameters`: those that the autopilot has."""
     findings = [_finding(parameters, sensor) for sensor in sorted(sensors)]
     if parameters.get("PLND_ENABLED") == 1 and parameters.get(_STRICT) == _HOVERS:
         findings.append("PLND_STRICT 2: without a landing target it hovers until the battery is empty")
-    return tuple(findings)
+    unsent = (
+        f"{name} is {value}, and no onboard program may send {messages[0]}{' or its like' if messages[1:] else ''}"
+        for (name, value), messages in _EXPECTED.items()
+        if parameters.get(name) == value and not set(messages) & set(sensors) and _on(parameters, name)
+    )
+    return (*findings, *unsent)
+
+
+def _on(parameters: Mapping[str, float], name: str) -> bool:
+    return name != "PLND_TYPE" or parameters.get("PLND_ENABLED") == 1
 
 
 def _finding(parameters: Mapping[str, float], sensor: str) -> str:

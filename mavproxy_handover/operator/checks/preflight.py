@@ -53,7 +53,7 @@ class Preflight:
         conversations: Conversations,
         report: Callable[[str, str, bool], None],
         energy: EnergySettings = _UNSAID,
-        sensors: frozenset[str] = frozenset(),
+        sensors: frozenset[str] | None = None,
         line: Callable[[], str] = str,
     ) -> None:
         """`energy`: the vehicle's own settings, with the number of batteries if the mission does not set it. `sensors`:
@@ -128,12 +128,12 @@ class Preflight:
             parameters = {name: values[name] for name in KNOWN if name in values}
             told = aircraft.foreign, self._heard_on, self._plan, self._gap_s, aircraft.profile, batteries
             found = Found(parameters, guard, firmware, *told, aircraft.home_alt_m, self._misfit)
-            used = sensor_findings(values, self._sensors) if parameters else ()
+            used = sensor_findings(values, self._sensors) if parameters and self._sensors is not None else ()
             others = tuple(Finding("", text) for text in (self._line(), *used) if text)
             self._conclude((*judge(found, self._limits), *others), now)
 
         names = names_of(aircraft.profile, batteries)
-        names += tuple(name for name in SENSOR_PARAMETERS if self._sensors and name not in names)
+        names += tuple(name for name in SENSOR_PARAMETERS if self._sensors is not None and name not in names)
         self._conversations.begin("preflight", reading(self._sysid, names), done, now)
 
     def _conclude(self, findings: tuple[Finding, ...], now: float) -> None:

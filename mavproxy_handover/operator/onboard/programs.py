@@ -2,7 +2,8 @@
 
 """The onboard programs of one vehicle: what they send, what they hear, and what they are told.
 
-An internal fault in a link closes that link for the rest of the run, and is told. It costs nothing else.
+An internal fault in a link closes that link for the rest of the run, and is told. It costs nothing else. The journal
+says when a program is heard, and when it is silent for `_SILENT_S`.
 """
 
 from __future__ import annotations
@@ -31,8 +32,8 @@ __all__ = ["OnboardPrograms", "OnboardSurroundings"]
 
 #: the same refusal is told once in this time (s)
 _TOLD_S: Final = 60.0
-#: a program is heard for this long (s) after its last frame
-_HEARD_S: Final = 5.0
+#: a program that has sent nothing for this long (s) is silent; its heartbeat comes once a second
+_SILENT_S: Final = 5.0
 _GUIDED: Final = message_ids(*GUIDED)
 _WHY: Final = {
     GateReason.NO_RIGHT: "its rights in [[onboard]] do not have it",
@@ -80,6 +81,8 @@ class OnboardPrograms:
         self._filters = {port.name: OnboardFilters(port.rights, around.matters) for port in self.ports}
         self._answers = RefusalLimiter()
         self._words = OncePerCause(_TOLD_S)
+        #: the programs that the journal says are heard
+        self._heard: set[str] = set()
 
     # ---- up -------------------------------------------------------------------------------------------------------
 
@@ -147,6 +150,16 @@ class OnboardPrograms:
         self._reports.event_log.onboard(name, text)
         self._reports.message_sender.say_to_all(text)
 
+    def each_second(self, now: float) -> None:
+        """Time has passed: note which programs are heard, and which are silent now."""
+        for port in self.ports:
+            heard = port.heard_at is not None and now - port.heard_at <= _SILENT_S
+            if heard is (port.name in self._heard):
+                continue
+            self._heard ^= {port.name}
+            text = f"{port.name} is heard" if heard else f"{port.name} is silent for {_SILENT_S:g} s"
+            self._reports.event_log.onboard(port.name, text, heard=heard)
+
     # ---- down -----------------------------------------------------------------------------------------------------
 
     def hear(self, frame: Frame, now: float) -> None:
@@ -175,7 +188,7 @@ class OnboardPrograms:
 def _beats_as_second(port: OnboardPort, frame: Frame, verdict: Verdict, now: float) -> bool:
     """Whether a program that is heard sends a heartbeat as another component, too. MAVSDK 3 does, as 190."""
     beats = verdict.reason is GateReason.COMPONENT and frame.msgid == mavlink.MAVLINK_MSG_ID_HEARTBEAT
-    return beats and port.heard_at is not None and now - port.heard_at <= _HEARD_S
+    return beats and port.heard_at is not None and now - port.heard_at <= _SILENT_S
 
 
 def _hears(port: OnboardPort, aim: tuple[int, int] | None, vehicle: int) -> bool:

@@ -375,7 +375,7 @@ class EventLog:
 
     def feed(self, news: FeedNews) -> None:
         """A feed has another source, or a station's does not pass."""
-        self._write_and_tell("feed", news.text, kind=news.kind.value, station=news.source)
+        self._write_and_tell("feed", news.text, kind=news.kind.value, station=news.about, change=news.change.value)
 
     def remote_id(self, station: str, lat_deg: float, lon_deg: float, operator_id: str) -> None:
         """Remote ID has another operator."""

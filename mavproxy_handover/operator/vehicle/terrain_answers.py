@@ -6,7 +6,8 @@
    aboard: the autopilot asks again for the rest, and that goes to the stations (`gate/feeds.py`).
 2. One block is computed and sent in each tick (20 a second), so that neither the main loop nor the line waits.
 3. The autopilot counts heights above the sea. A grid whose ground at home is more than `LEVEL_M` from the autopilot's
-   home counts from another level: it is not used, and people are told.
+   home counts from another level: it is not used, and people are told. Until home is known, a request that the grid
+   could answer stays aboard without an answer: the autopilot asks again.
 
 A fault passes the request to the stations. Memory is bounded by `_MOST` requests.
 """
@@ -65,7 +66,7 @@ class TerrainAnswers:
             return False
 
     def _takes(self, frame: Frame) -> bool:
-        terrain = self._terrain()
+        terrain = self._grid()
         if terrain is None:
             return False
         lat, lon = (int.from_bytes(field_bytes(frame, name), "little", signed=True) for name in ("lat", "lon"))
@@ -73,6 +74,10 @@ class TerrainAnswers:
         bits = bits_of(field_int(frame, "mask"))
         first = next((n for n, bit in enumerate(bits) if _heights(terrain, corner, bit) is not None), None)
         if first is None:
+            return False
+        if self._home() is None:
+            return True
+        if self._terrain() is None:
             return False
         self._waiting[corner] = bits[first:]
         while len(self._waiting) > _MOST:
@@ -92,12 +97,23 @@ class TerrainAnswers:
         if heights is not None:
             self._reports.message_sender.to_autopilot(mavlink.MAVLink_terrain_data_message(*corner, bit, heights))
 
-    def _terrain(self) -> Terrain | None:
-        """The grid of the mission, if it counts from the level that the autopilot counts from."""
-        package, home, home_m = self._package(), self._aircraft.telemetry.home.value, self._aircraft.home_alt_m
+    def _grid(self) -> Terrain | None:
+        """The grid of the mission, if its level was not found to be another."""
+        package = self._package()
         terrain = None if package is None else package.terrain
-        if terrain is None or home is None or home_m is None or terrain is self._refused:
+        return None if terrain is self._refused else terrain
+
+    def _home(self) -> tuple[tuple[float, float], float] | None:
+        """Place and height of the autopilot's home, if both are known."""
+        home, home_m = self._aircraft.telemetry.home.value, self._aircraft.home_alt_m
+        return None if home is None or home_m is None else (home, home_m)
+
+    def _terrain(self) -> Terrain | None:
+        """The grid of the mission, if it is known to count from the level that the autopilot counts from."""
+        terrain, known = self._grid(), self._home()
+        if terrain is None or known is None:
             return None
+        home, home_m = known
         ground_m = terrain.between_m(home)
         if ground_m is None:
             return None

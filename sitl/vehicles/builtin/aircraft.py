@@ -12,6 +12,7 @@ Everything that others must hear goes out through the `Listener`.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import Protocol
 
 from sitl.vehicles.builtin.battery import Battery
@@ -24,7 +25,7 @@ from sitl.vehicles.builtin.params import ParameterTable
 from sitl.vehicles.builtin.physics import Body
 from sitl.vehicles.builtin.precision_landing import PrecisionLanding
 
-__all__ = ["ORIGIN_AFTER_S", "Aircraft", "Listener"]
+__all__ = ["ORIGIN_AFTER_S", "Aircraft", "Listener", "level"]
 
 #: The receiver finds its satellites, then the estimator trusts them; SITL takes 20 s and 42 s for the same two steps.
 ORIGIN_AFTER_S = 5.0
@@ -37,6 +38,8 @@ ARMING_DELAY_S = 2.0
 LIFT_OFF_DELAY_S = 1.9
 SPOOL_DOWN_S = 0.8
 _RTL_ALT_MIN_M = 0.3
+#: frame of an item whose height counts from the ground there
+_TERRAIN = 10
 _MIN_CONE_SLOPE = 0.5
 
 
@@ -55,13 +58,27 @@ class Listener(Protocol):
         """A parameter that the autopilot itself counts (MIS_TOTAL and its like) was saved."""
 
 
+def level(_lat_e7: int, _lon_e7: int, _home: Location) -> float:
+    """The ground is flat."""
+    return 0.0
+
+
 class Aircraft:
     """State of the aircraft, and what follows from it alone."""
 
     #: set by `Copter`: the items call on the mode that flies them
     mission: Mission
 
-    def __init__(self, parameters: ParameterTable, start: Location, heading_deg: float, listener: Listener) -> None:
+    def __init__(
+        self,
+        parameters: ParameterTable,
+        start: Location,
+        heading_deg: float,
+        listener: Listener,
+        rise_m: Callable[[int, int, Location], float],
+    ) -> None:
+        """`rise_m`: how much higher the ground is at a place (1e-7 degrees) than at home."""
+        self._rise_m = rise_m
         self.parameters = parameters
         self.listener = listener
         self.time_s = 0.0
@@ -139,7 +156,8 @@ class Aircraft:
         frame = AltFrame.ABSOLUTE if item.frame == 0 else AltFrame.ABOVE_HOME
         lat, lon = (default.lat_e7, default.lon_e7) if item.x == 0 and item.y == 0 else (item.x, item.y)
         if item.z != 0:
-            return Location(lat, lon, item.z, frame)
+            rise_m = self._rise_m(lat, lon, self.home or self.start) if item.frame == _TERRAIN else 0.0
+            return Location(lat, lon, item.z + rise_m, frame)
         return Location(lat, lon, default.alt_m, default.frame)
 
     def wind(self) -> tuple[float, float]:

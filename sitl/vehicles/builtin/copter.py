@@ -9,9 +9,10 @@ what the landing detector says: on the ground with motors at their lower limit f
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from enum import IntEnum
 
-from sitl.vehicles.builtin.aircraft import ORIGIN_AFTER_S, Aircraft, Listener
+from sitl.vehicles.builtin.aircraft import ORIGIN_AFTER_S, Aircraft, Listener, level
 from sitl.vehicles.builtin.auto import Auto
 from sitl.vehicles.builtin.frame import Location
 from sitl.vehicles.builtin.mission import Mission
@@ -43,8 +44,15 @@ class ModeReason(IntEnum):
 class Copter(Aircraft):
     """The simulated aircraft without its radio: what it does, one time step at a time."""
 
-    def __init__(self, parameters: ParameterTable, start: Location, heading_deg: float, listener: Listener) -> None:
-        super().__init__(parameters, start, heading_deg, listener)
+    def __init__(
+        self,
+        parameters: ParameterTable,
+        start: Location,
+        heading_deg: float,
+        listener: Listener,
+        rise_m: Callable[[int, int, Location], float] = level,
+    ) -> None:
+        super().__init__(parameters, start, heading_deg, listener, rise_m)
         self.failsafe_active = False
         self.reason = ModeReason.INITIALISED
         self.auto, self.guided, self.land = Auto(self), Guided(self), Land(self)

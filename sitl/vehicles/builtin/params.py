@@ -28,9 +28,6 @@ _DEFAULTS: dict[int, dict[str, float]] = {
         "BATT_FS_LOW_ACT": 0,
         "BATT_LOW_TIMER": 10,
         "BATT_MONITOR": 0,
-        "DID_CANDRIVER": 0,
-        "DID_ENABLE": 0,
-        "DID_MAVPORT": -1,
         "DISARM_DELAY": 10,
         "FENCE_ACTION": 1,
         "FENCE_ENABLE": 0,
@@ -56,7 +53,6 @@ _DEFAULTS: dict[int, dict[str, float]] = {
         "WP_YAW_BEHAVIOR": 2,
     },
     INT16: {
-        "DID_OPTIONS": 0,
         "FORMAT_VERSION": 120,
         "LAND_ALT_LOW": 1000,
         "LAND_SPEED": 50,
@@ -196,6 +192,10 @@ class ParameterTable:
             return True
         self._pending[name] = value
         return False
+
+    def waits(self, name: str) -> bool:
+        """Whether a file gave a value to a parameter that there is not yet."""
+        return name in self._pending
 
     def define(self, name: str, default: float) -> bool:
         """A script adds a float parameter; a value that a file gave earlier wins over `default`. False: name taken."""

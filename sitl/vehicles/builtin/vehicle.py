@@ -36,6 +36,7 @@ from sitl.vehicles.builtin.routing import Router
 from sitl.vehicles.builtin.script_host import ScriptHost
 from sitl.vehicles.builtin.sticks import Sticks
 from sitl.vehicles.builtin.telemetry import BUILDERS, STREAM_IDS, STREAMS, gps_global_origin, home_position, send
+from sitl.vehicles.builtin.terrain import TerrainProtocol
 
 if TYPE_CHECKING:
     from sitl.vehicles.lua_bindings import LuaScripting
@@ -84,7 +85,8 @@ class Vehicle:
         latitude, longitude, altitude, heading = config.home
         start = Location(round(latitude * 1e7), round(longitude * 1e7), altitude)
         self.links = {channel: Link(channel, config.sysid) for channel in sorted(config.channels)}
-        self.copter = Copter(self.parameters, start, heading, self)
+        self._terrain = TerrainProtocol(self.parameters, self.links)
+        self.copter = Copter(self.parameters, start, heading, self, self._terrain.rise_m)
         self.radio, self.fence = Radio(self.copter), Geofence(self.copter)
         self.arming = Arming(self.copter, self._script_refusal, lambda: self.radio.ever and not self.radio.failed)
         self.failsafes = Failsafes(self.copter)
@@ -244,7 +246,9 @@ class Vehicle:
         elif kind in ("COMMAND_LONG", "COMMAND_INT"):
             if not self._script_blocks(message.command):
                 self.commands.handle(link, message)
-        elif not self._remote_id.handle(message) and not self.mission_protocol.handle(link, message):
+        elif self._remote_id.handle(message) or self._terrain.handle(message):
+            pass
+        elif not self.mission_protocol.handle(link, message):
             self.parameter_protocol.handle(link, message)
 
     def _request_stream(self, link: Link, message: dialect.MAVLink_message) -> None:
@@ -278,6 +282,10 @@ class Vehicle:
                 link.send(dialect.MAVLink_mission_item_reached_message(self._reached))
             self._reached = None
         self._remote_id.update(now_s)
+        if self.copter.position_ok:
+            mission = self.copter.mission
+            items = [item for n in range(len(mission)) if (item := mission.read(n)) is not None]
+            self._terrain.update(self.copter.location(), self.copter.home, items, now_s)
         built: dict[int, dialect.MAVLink_message | None] = {}
         for link in self.links.values():
             if not link.connected:
