@@ -16,7 +16,7 @@ from mavproxy_handover.tools.resources import shipped
 from mavproxy_handover.vehicle.profiles import PROFILES, Profile
 from mavproxy_handover.wire.ids import COMPANION_COMPID
 
-__all__ = ["advice"]
+__all__ = ["ONBOARD", "SENSORS", "advice"]
 
 #: files with recommended parameters -> which aircraft each is for, in words
 _FILES: Final = {profile.parameter_file: profile.parameter_file_for for profile in PROFILES}
@@ -62,6 +62,9 @@ _OWN: Final = {
     "FENCE_TYPE": "Set FENCE_TYPE to 4, or 5 with a ceiling.",
     "FENCE_ACTION": "Set FENCE_ACTION to 1.",
 }
+#: what is in every finding about sensors of onboard programs, and what these findings are about
+ONBOARD: Final = "onboard program"
+SENSORS: Final = "onboard sensors"
 #: a parameter of a further battery, which has the value of the first
 _FURTHER: Final = re.compile(r"BATT[2-9]_")
 #: text in a finding without a parameter -> what to do
@@ -81,6 +84,9 @@ _WORDS: Final = (
     ("guard has a key", "Set guard_key in [vehicle], or delete handover.key from the card."),
     ("two guards", "Delete one of the two scripts from the card, restart the autopilot."),
     ("neither ArduCopter nor ArduPlane", "Name the line of the right vehicle, or load one of the two."),
+    ("no onboard program may send", "Name the message in [[onboard]], if a program on the companion has that sensor."),
+    (f"{ONBOARD} is not used", "Set that parameter, or take the message out of [[onboard]]."),
+    (f"{ONBOARD} moves", "Check that sensor on the ground before each flight."),
     ("firmware", "Load a firmware between these two, or try all of it in simulation first."),
     ("no request", "Set the port's SERIALn_PROTOCOL to 2, and look whether its signing key is autopilot_key."),
 )

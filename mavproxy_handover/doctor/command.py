@@ -24,6 +24,7 @@ from mavproxy_handover.cli.machine import CONFIGURATION, below
 from mavproxy_handover.config.files import STATION_PLACES, ConfigError, find_station_config, find_vehicle_config
 from mavproxy_handover.doctor.air import air
 from mavproxy_handover.doctor.check_context import CheckContext, CompanionStarted, admit
+from mavproxy_handover.doctor.feeds import feeds, onboard_programs
 from mavproxy_handover.doctor.finding import Finding, Level, unseen
 from mavproxy_handover.doctor.flight_controller import autopilot
 from mavproxy_handover.doctor.host import clock, disk, service
@@ -53,6 +54,8 @@ CHECKS: Final[dict[str, Callable[[CheckContext], Iterator[Finding]]]] = {
     "autopilot": autopilot,
     "position box": position_box,
     "stations": stations,
+    "feeds": feeds,
+    "onboard programs": onboard_programs,
     "vehicles": air,
 }
 

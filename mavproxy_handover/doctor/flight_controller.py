@@ -18,7 +18,7 @@ from mavproxy_handover.cli.guard import version_of
 from mavproxy_handover.config.line_claims import line_finding
 from mavproxy_handover.config.vehicle import VehicleConfig
 from mavproxy_handover.core.common.model import GuardState
-from mavproxy_handover.doctor.advice import advice
+from mavproxy_handover.doctor.advice import SENSORS, advice
 from mavproxy_handover.doctor.check_context import CheckContext
 from mavproxy_handover.doctor.finding import Finding, error, ok, unseen, warning
 from mavproxy_handover.doctor.guard_script import card_checksum, shipped_script
@@ -30,6 +30,7 @@ from mavproxy_handover.link.devices import DeviceSpec, Kind, LinkError, open_dev
 from mavproxy_handover.link.line_writer import has_rate
 from mavproxy_handover.mission.heights import above_sea
 from mavproxy_handover.monitors.preflight import rules
+from mavproxy_handover.monitors.preflight.onboard_sensors import SENSOR_PARAMETERS, sensor_findings
 from mavproxy_handover.monitors.preflight.own_failsafes import plan_facts
 from mavproxy_handover.store.keys import KeysError, load_key
 from mavproxy_handover.vehicle.guard_link import misfit_of
@@ -232,6 +233,7 @@ class _Visit:
             self.talk.ask(_message(sysid, "GLOBAL_POSITION_INT"))
         yield self._time()
         names = rules.names_of(self._aircraft.profile, self._batteries)
+        names += tuple(name for name in SENSOR_PARAMETERS if self._vehicle.onboard and name not in names)
         self._context.tell(f"reading {len(names)} parameters")
         parameters = self.talk.ask(reading(sysid, names)).result or {}
         self.talk.listen(_GUARD_S, lambda: self._guard is not None or not self._grounded())
@@ -273,11 +275,19 @@ class _Visit:
                 found_text,
                 advice(each.parameter, each.text, profile=self._aircraft.profile),
             )
+        yield from self._sensors(parameters)
         if not wrong:
             yield ok("parameters", f"{len(parameters)} read, all of them fit")
         if self._vehicle.limits.guard_required and "HNDO_ENABLE" in parameters:
             yield self._of_guard()
             yield self._script()
+
+    def _sensors(self, parameters: dict[str, float]) -> Iterator[Finding]:
+        """Sensors of onboard programs, by the same rules as before a flight."""
+        programs = self._vehicle.onboard
+        sensors = {sensor for program in programs for sensor in program.rights.sensors}
+        for text in sensor_findings(parameters, sensors) if programs and parameters else ():
+            yield warning(SENSORS, text, advice("", text))
 
     @property
     def _batteries(self) -> int:

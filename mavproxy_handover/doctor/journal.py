@@ -13,12 +13,12 @@ from pathlib import Path
 from typing import Any, Final
 
 from mavproxy_handover.cli.machine import STATE
-from mavproxy_handover.doctor.advice import advice
+from mavproxy_handover.doctor.advice import ONBOARD, SENSORS, advice
 from mavproxy_handover.doctor.check_context import CheckContext
-from mavproxy_handover.doctor.finding import Finding, error, ok, unseen
+from mavproxy_handover.doctor.finding import Finding, error, ok, unseen, warning
 from mavproxy_handover.store.flights import LATEST
 
-__all__ = ["autopilot_by_journal", "links_by_journal", "position_box_by_journal"]
+__all__ = ["autopilot_by_journal", "entries_of_run", "links_by_journal", "position_box_by_journal"]
 
 _TAIL_BYTES: Final = 8 << 20
 _DO: Final = "Type 'handover status' in the companion, or look at its journal."
@@ -26,7 +26,7 @@ _DO: Final = "Type 'handover status' in the companion, or look at its journal."
 
 def autopilot_by_journal(context: CheckContext) -> Iterator[Finding]:
     """Results of the companion's own checks before flight."""
-    path, entries = _entries(context)
+    path, entries = entries_of_run(context)
     if path is None:
         yield unseen("autopilot", "the companion runs, and its journal is not found", _DO)
         return
@@ -42,6 +42,9 @@ def autopilot_by_journal(context: CheckContext) -> Iterator[Finding]:
     for text, entry in said.items():
         parameter = str(entry.get("parameter") or "")
         found = f"{text.removeprefix(f'{parameter} ')} (journal, {path})"
+        if ONBOARD in text:
+            yield warning(SENSORS, found, advice(parameter, text))
+            continue
         yield error(parameter or "guard and firmware", found, advice(parameter, text))
     if fits is None:
         yield unseen("autopilot", f"the companion runs and has not checked it yet ({path})", _DO)
@@ -51,7 +54,7 @@ def autopilot_by_journal(context: CheckContext) -> Iterator[Finding]:
 
 def links_by_journal(context: CheckContext) -> Iterator[Finding]:
     """State of the companion's links, by its own measurements."""
-    path, entries = _entries(context)
+    path, entries = entries_of_run(context)
     assert context.vehicle is not None
     if path is None:
         yield unseen("links", "the companion runs, and its journal is not found", _DO)
@@ -84,7 +87,7 @@ def links_by_journal(context: CheckContext) -> Iterator[Finding]:
 
 def position_box_by_journal(context: CheckContext) -> Iterator[Finding]:
     """Last state of the position box, as the companion reported it."""
-    path, entries = _entries(context)
+    path, entries = entries_of_run(context)
     said = [entry for entry in entries if entry.get("event") == "position_source"]
     if path is None or not said:
         why = "its journal is not found" if path is None else f"has not told of it yet ({path})"
@@ -99,7 +102,7 @@ def position_box_by_journal(context: CheckContext) -> Iterator[Finding]:
         )
 
 
-def _entries(context: CheckContext) -> tuple[Path | None, list[Mapping[str, Any]]]:
+def entries_of_run(context: CheckContext) -> tuple[Path | None, list[Mapping[str, Any]]]:
     """The newest possible journal, and its entries of the current run."""
     assert context.vehicle is not None
     logs = context.at(STATE) / "flights"

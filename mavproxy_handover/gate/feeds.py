@@ -87,7 +87,7 @@ def feed_bytes_per_s(kind: FeedKind, settings: FeedSettings) -> float:
 
 
 class FeedChange(Enum):
-    """What has changed about a feed, as the journal has it."""
+    """Kinds of changes of a feed, as the journal has them."""
 
     SOURCE = "source"
     SILENT = "silent"

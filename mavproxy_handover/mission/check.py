@@ -21,6 +21,7 @@ from mavproxy_handover.core.common.limits import Limits
 from mavproxy_handover.core.common.model import Station
 from mavproxy_handover.core.safety.energy import EnergyModel, Wind
 from mavproxy_handover.mission.addresses import ADDRESSES_FILE, without_addresses
+from mavproxy_handover.mission.check_feeds import ground_lacks, places_lack
 from mavproxy_handover.mission.check_words import (
     battery_words,
     handover_words,
@@ -175,6 +176,7 @@ def check(
         ("payload", _payload(package)),
         ("speed", _speed(package)),
         ("addresses", _addresses(package)),
+        ("remote-id", _told(Severity.WARNING, places_lack(package))),
         ("route", (Finding(Severity.WARNING, text) for text in package.route.warnings)),
     )
     findings = [replace(finding, rule=rule) for rule, found in by_rule for finding in found]
@@ -187,6 +189,12 @@ def _most(package: MissionPackage, fast: MissionPackage, model: EnergyModel) -> 
     """The larger budget of the slowest and the fastest speeds that the route may have."""
     budgets = (budget_of(each.route, package.cruise_speed_mps, model) for each in (package, fast))
     return max(budgets, key=lambda budget: budget.need_wh)
+
+
+def _told(severity: Severity, text: str) -> Iterator[Finding]:
+    """A finding with this text, if there is one."""
+    if text:
+        yield Finding(severity, text)
 
 
 def _addresses(package: MissionPackage) -> Iterator[Finding]:
@@ -548,6 +556,7 @@ def _heights(package: MissionPackage) -> Iterator[Finding]:
     if terrain:
         text = f"{listed(terrain)}: the height is above terrain: START needs TERRAIN_ENABLE 1 in the autopilot"
         yield Finding(Severity.INFO, text)
+    yield from _told(Severity.INFO, ground_lacks(package))
     for low in low_ways(route, package.legs()):
         yield Finding(Severity.ERROR if low.below else Severity.WARNING, low.text)
 

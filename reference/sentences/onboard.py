@@ -34,7 +34,7 @@ _SENTENCES: Final = (
         "The companion broke on a frame of an onboard program. Its link stays closed; nothing else is affected.",
         "Fly on without the program. After the flight send the journal to the developers.",
     ),
-    _info("{station} is heard", "The onboard program sends, for the first time or after a silence. In the journal only."),
+    _info("{station} is heard", "The onboard program sends, at first or after a silence. In the journal only."),
     Sentence(
         "{station} is silent for {seconds} s",
         _ADVISORY,

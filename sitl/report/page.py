@@ -25,6 +25,7 @@ from mavproxy_handover.core.common.model import journal_in_words
 from mavproxy_handover.tools.command_line import CommandParser
 from sitl.report.exchange import Exchange, exchanges
 from sitl.report.export import write_csv, write_kml
+from sitl.report.feeds import feed_spans, onboard_spans, unused
 from sitl.report.flight import Story
 from sitl.report.journal_reader import Entry
 from sitl.report.kinds import kinds
@@ -187,6 +188,7 @@ def _vehicle(story: Story, number: str, record: RunRecord) -> list[str]:
         _figures(story, transfers, times, number),
         _handovers(story, transfers, times),
         _operators(story, times),
+        _feeds(story, times),
         _refusals(story, times),
         _decisions(story, times),
         _rehearsals(story),
@@ -294,6 +296,31 @@ def _operators(story: Story, times: Times) -> str:
     ]
     heads = ("T+", "UTC", "station", "operator", "what")
     return _section("Operators", _folded(heads, rows)) if rows else ""
+
+
+def _feeds(story: Story, times: Times) -> str:
+    """Which station was the source of each feed, when an onboard program led the aircraft, and what was not used."""
+    evidence = story.evidence
+    spans = sorted((*feed_spans(evidence), *onboard_spans(evidence)), key=lambda span: span.begun_t)
+    rows = [
+        (
+            "",
+            (
+                *_clock(times, span.begun_t),
+                "to the end" if span.ended_t is None else _clock(times, span.ended_t)[0],
+                span.what,
+                span.who,
+                span.why,
+            ),
+        )
+        for span in spans
+    ]
+    others = [
+        ("warned", (*_clock(times, entry.t), str(entry.get("station") or ""), entry.text)) for entry in unused(evidence)
+    ]
+    text = _folded(("T+", "UTC", "until T+", "what", "from", "why it ended"), rows) if rows else ""
+    text += _folded(("T+", "UTC", "station", "not used, or not checked"), others) if others else ""
+    return _section("Feeds and onboard programs", text) if text else ""
 
 
 def _refusals(story: Story, times: Times) -> str:

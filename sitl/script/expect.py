@@ -29,6 +29,8 @@ __all__ = ["ALWAYS", "EXPECTATIONS", "Corrections", "Expectation", "Loss", "OfVe
 
 #: two programs may give the same moment times that differ by so much (s)
 _SAME_MOMENT_S: Final = 0.1
+#: more numbers than these are told as a range
+_SHOWN: Final = 12
 
 
 @dataclass(frozen=True, slots=True)
@@ -126,7 +128,10 @@ class Number(Expectation):
         held = bool(found) and all(isinstance(value, (int, float)) and low < value < high for value in found)
         limits = [f"above {low:g}"] * (self.above is not None) + [f"below {high:g}"] * (self.below is not None)
         wanted = f"{self.key} {' and '.join(limits)}: {describe(self.who, self.event, self.match)}"
-        return Verdict(held, wanted, ", ".join(map(str, found)) or "no such entry")
+        seen = ", ".join(map(str, found)) or "no such entry"
+        if held and len(found) > _SHOWN:
+            seen = f"{min(found)} to {max(found)} in {len(found)} entries"
+        return Verdict(held, wanted, seen)
 
 
 @dataclass(frozen=True, slots=True)

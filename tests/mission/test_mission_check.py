@@ -214,7 +214,9 @@ def test_worst_findings_come_first(small):
 
 @pytest.mark.parametrize(
     "name",
-    first(3, ["delivery", "meridian", "dike", "linear", "corridor", "ridge", "field-test", "waypoints", "ferry"]),
+    first(
+        3, ["delivery", "meridian", "dike", "linear", "corridor", "ridge", "field-test", "waypoints", "ferry", "hills"]
+    ),
 )
 def test_shipped_missions_pass_without_a_warning(missions, name):
     report = check(load(missions / name))
@@ -325,7 +327,7 @@ def test_command_without_a_mission_is_bad_input_and_help_is_not(capsys):
 
 
 @pytest.mark.parametrize(
-    "name", ["delivery", "linear", "corridor", "meridian", "ridge", "field-test", "waypoints", "ferry", "dike"]
+    "name", ["delivery", "linear", "corridor", "meridian", "ridge", "field-test", "waypoints", "ferry", "dike", "hills"]
 )
 def test_map_of_each_shipped_mission_is_drawn(missions, tmp_path, name):
     target = tmp_path / "map.png"

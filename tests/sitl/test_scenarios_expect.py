@@ -200,6 +200,11 @@ def test_every_one_of_several_numbers_counts() -> None:
     assert not Number("measured", "lost", below=1.0).judge(evidence(entries)).held
 
 
+def test_many_numbers_are_told_as_a_range() -> None:
+    entries = [*nominal(), *(Entry(wall(100 + n), "GCSA", "measured", "", {"lost": n}) for n in range(40))]
+    assert Number("measured", "lost", below=50.0).judge(evidence(entries)).seen == "0 to 39 in 40 entries"
+
+
 def test_a_number_that_nobody_measured_fails() -> None:
     verdict = Number("measured", "p99_ms", below=50.0).judge(evidence())
     assert (verdict.held, verdict.seen) == (False, "no such entry")

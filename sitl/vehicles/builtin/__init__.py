@@ -25,8 +25,8 @@ NOT_MODELLED = (
     "attitude dynamics: lean angles are reported, not flown; no motor, vibration or thrust loss",
     "sensors and estimator: no noise, no drift; a receiver without a fix is an EKF failsafe after eight seconds, and "
     "the position stays right; ready ten seconds after the start",
-    "terrain: the ground to land on is flat at the height of the start; the heights of items above terrain count from "
-    "what stations or the companion have sent, if TERRAIN_ENABLE is given and 1, else from there",
+    "terrain: the ground to land on is flat at the height of the start. Items above terrain count from there; with "
+    "TERRAIN_ENABLE given and 1, from heights that were sent",
     "radio control: of a transmitter the mode switch and its failsafe only; sticks and overrides are not flown; "
     "STABILIZE is refused in flight",
     "modes other than STABILIZE, AUTO, GUIDED, LOITER, RTL, LAND, BRAKE and SMART_RTL",

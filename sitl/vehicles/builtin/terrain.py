@@ -2,10 +2,10 @@
 
 """Heights of the ground that the autopilot asks for, as AP_Terrain does it, if TERRAIN_ENABLE is given and 1.
 
-Heights come in tiles of 28 x 32 places, TERRAIN_SPACING apart. Each tile is counted from the whole degrees south-west
-of it, overlaps the next one by four places, and is filled by TERRAIN_DATA of 4 x 4 places. Wanted are the tiles at
-home, around the aircraft and at the mission's items above terrain. Every two seconds each channel gets a request for
-the first one that is not whole. Heights are kept in memory only.
+Heights come in tiles of 28 x 32 places, TERRAIN_SPACING apart. Tiles are counted from whole degrees, and overlap the
+next one by four places. A TERRAIN_DATA fills 4 x 4 places of one. Wanted are the tiles at home, around the aircraft and
+at the mission's items above terrain. Every two seconds each channel gets a request for the first one that is not whole.
+Heights are kept in memory only.
 
 What is flown: the height of an item above terrain counts from the ground there. From item to item the aircraft flies
 straight. The ground that it lands on stays flat.
@@ -48,7 +48,7 @@ class Ground:
         self.tiles: dict[_Corner, dict[int, list[int]]] = {}
 
     def tile(self, lat_e7: int, lon_e7: int) -> tuple[_Corner, float, float]:
-        """The corner of the tile at a place, and how far in it the place is: places to the north and to the east."""
+        """The corner of the tile at a place; how far north and east in it the place is, in spacings."""
         degrees = Location(lat_e7 // _DEGREE * _DEGREE, lon_e7 // _DEGREE * _DEGREE, 0.0)
         north, east = (metres / self.spacing_m for metres in offset_ne_m(degrees, Location(lat_e7, lon_e7, 0.0)))
         up, right = int(north) // _STEP_NORTH * _STEP_NORTH, int(east) // _STEP_EAST * _STEP_EAST
@@ -97,7 +97,7 @@ class Ground:
 
 
 class TerrainProtocol:
-    """What the autopilot asks, and reports of it."""
+    """Requests of the autopilot, and its reports."""
 
     def __init__(self, parameters: ParameterTable, links: Mapping[int, Link]) -> None:
         self._links = links
