@@ -17,9 +17,11 @@ from hypothesis import strategies as st
 from pymavlink.dialects.v20 import all as dialect
 
 from sitl.vehicles.builtin.bench import Bench
+from sitl.vehicles.builtin.frame import shift
 from sitl.vehicles.builtin.framing import FrameSplitter, decode
 from sitl.vehicles.builtin.items import Item, Result, stored
 from sitl.vehicles.builtin.params import ParameterTable
+from sitl.vehicles.builtin.terrain import Ground
 
 ACCEPTED, ERROR, BAD_FRAME, UNSUPPORTED, NO_SPACE = 0, 1, 2, 3, 4
 INVALID_SEQUENCE, DENIED, CANCELLED = 13, 14, 15
@@ -608,3 +610,78 @@ def test_without_remote_id_nothing_goes_to_a_transponder() -> None:
     bench.send(operator_at(5, whole=True))
     bench.run(1.5)
     assert not [each for each in bench.heard if each.message.get_type().startswith("OPEN_DRONE_ID")]
+
+
+# -- terrain ----------------------------------------------------------------------------------------------------------
+
+
+def answer_terrain(bench: Bench, start: int) -> int:
+    """Answer each request since `start`: the ground rises 10 m from block to block to the north. Returns the next."""
+    for heard in bench.heard[start:]:
+        asked = heard.message
+        if asked.get_type() != "TERRAIN_REQUEST" or heard.channel != 1:
+            continue
+        for bit in (each for each in range(56) if asked.mask >> each & 1):
+            heights = [10 * (bit // 8)] * 16
+            bench.send(dialect.MAVLink_terrain_data_message(asked.lat, asked.lon, asked.grid_spacing, bit, heights))
+    return len(bench.heard)
+
+
+def test_terrain_is_asked_for_until_all_is_there() -> None:
+    bench = Bench({"TERRAIN_ENABLE": 1})
+    bench.run(12.0)
+    assert bench.last("TERRAIN_REPORT").pending > 0
+    start = 0
+    for _request in range(30):
+        start = answer_terrain(bench, start)
+        bench.run(2.1)
+    report = bench.last("TERRAIN_REPORT")
+    assert (report.pending, report.spacing) == (0, 100)
+    assert report.loaded % 56 == 0
+    assert report.loaded >= 4 * 56
+    quiet = len(bench.heard)
+    bench.run(5.0)
+    assert bench.last("TERRAIN_REQUEST", quiet) is None
+
+
+def test_without_its_parameter_no_terrain_is_asked_for() -> None:
+    bench = Bench()
+    bench.run(15.0)
+    assert bench.last("TERRAIN_REQUEST") is None
+    assert bench.last("TERRAIN_REPORT") is None
+
+
+def test_the_ground_at_a_place_is_between_the_four_around_it() -> None:
+    ground = Ground(100)
+    place = (520_100_000, 50_100_000)
+    corner, north, east = ground.tile(*place)
+    assert ground.height_m(*place) is None
+    assert [corner for corner, _mask in ground.missing()] == [corner]
+    block = int(north) // 4 * 8 + int(east) // 4
+    rows = [[row] * 4 for row in range(4)]
+    for bit in range(56):
+        heights = [height + 4 * (bit // 8) for row in rows for height in row]
+        ground.take(dialect.MAVLink_terrain_data_message(*corner, 100, bit, heights))
+    assert ground.height_m(*place) == pytest.approx(north, abs=1e-6), "each step to the north is a metre higher"
+    assert (ground.pending, ground.loaded) == (0, 56)
+    ground.take(dialect.MAVLink_terrain_data_message(corner[0] + 1, corner[1], 100, block, [0] * 16))
+    assert list(ground.tiles) == [corner], "a tile that is not wanted is passed over"
+
+
+def test_an_item_above_terrain_is_flown_above_the_ground_there() -> None:
+    bench = Bench({"TERRAIN_ENABLE": 1})
+    copter = bench.vehicle.copter
+    bench.run(12.0)
+    start = 0
+    for _request in range(30):
+        start = answer_terrain(bench, start)
+        bench.run(2.1)
+    home = copter.home
+    assert home is not None
+    there = shift(home, 1000.0, 0.0)
+    protocol = bench.vehicle.terrain
+    rise_m = protocol.rise_m(*there, home)
+    assert abs(rise_m) > 5.0
+    place = copter.item_location(Item(16, 10, x=there[0], y=there[1], z=40.0), copter.location())
+    assert place.alt_m == pytest.approx(40.0 + rise_m)
+    assert copter.item_location(Item(16, 3, x=there[0], y=there[1], z=40.0), copter.location()).alt_m == 40.0

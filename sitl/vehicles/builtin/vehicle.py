@@ -85,8 +85,8 @@ class Vehicle:
         latitude, longitude, altitude, heading = config.home
         start = Location(round(latitude * 1e7), round(longitude * 1e7), altitude)
         self.links = {channel: Link(channel, config.sysid) for channel in sorted(config.channels)}
-        self._terrain = TerrainProtocol(self.parameters, self.links)
-        self.copter = Copter(self.parameters, start, heading, self, self._terrain.rise_m)
+        self.terrain = TerrainProtocol(self.parameters, self.links)
+        self.copter = Copter(self.parameters, start, heading, self, self.terrain.rise_m)
         self.radio, self.fence = Radio(self.copter), Geofence(self.copter)
         self.arming = Arming(self.copter, self._script_refusal, lambda: self.radio.ever and not self.radio.failed)
         self.failsafes = Failsafes(self.copter)
@@ -246,7 +246,7 @@ class Vehicle:
         elif kind in ("COMMAND_LONG", "COMMAND_INT"):
             if not self._script_blocks(message.command):
                 self.commands.handle(link, message)
-        elif self._remote_id.handle(message) or self._terrain.handle(message):
+        elif self._remote_id.handle(message) or self.terrain.handle(message):
             pass
         elif not self.mission_protocol.handle(link, message):
             self.parameter_protocol.handle(link, message)
@@ -285,7 +285,7 @@ class Vehicle:
         if self.copter.position_ok:
             mission = self.copter.mission
             items = [item for n in range(len(mission)) if (item := mission.read(n)) is not None]
-            self._terrain.update(self.copter.location(), self.copter.home, items, now_s)
+            self.terrain.update(self.copter.location(), self.copter.home, items, now_s)
         built: dict[int, dialect.MAVLink_message | None] = {}
         for link in self.links.values():
             if not link.connected:
