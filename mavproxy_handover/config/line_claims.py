@@ -6,7 +6,8 @@ from __future__ import annotations
 
 from mavproxy_handover.config.vehicle import VehicleConfig
 from mavproxy_handover.core.authority.payload import FLIGHT
-from mavproxy_handover.gate.feeds import NAMES, feed_bytes_per_s
+from mavproxy_handover.core.feeds import NAMES
+from mavproxy_handover.gate.feeds import feed_bytes_per_s
 from mavproxy_handover.gate.filters import PAYLOAD_BYTES_PER_S
 from mavproxy_handover.gate.line_budget import budget_finding
 

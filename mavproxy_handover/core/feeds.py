@@ -29,7 +29,18 @@ from dataclasses import dataclass, field
 from enum import Enum
 from typing import Final
 
-__all__ = ["BasePlaces", "Ecef", "FeedKind", "FeedRule", "FeedSettings", "Source", "TerrainRequests", "Unnamed"]
+__all__ = [
+    "NAMES",
+    "BasePlaces",
+    "Ecef",
+    "FeedChange",
+    "FeedKind",
+    "FeedRule",
+    "FeedSettings",
+    "Source",
+    "TerrainRequests",
+    "Unnamed",
+]
 
 #: terrain requests that are open at once: ArduPilot keeps twelve blocks
 _MOST_REQUESTS: Final = 16
@@ -51,6 +62,24 @@ class FeedKind(Enum):
 
     #: as in `Access`
     __hash__ = object.__hash__
+
+
+#: what people call them
+NAMES: Final[Mapping[FeedKind, str]] = {
+    FeedKind.RTK: "RTK corrections",
+    FeedKind.ADSB: "ADS-B",
+    FeedKind.TERRAIN: "terrain",
+    FeedKind.WEATHER: "weather",
+}
+
+
+class FeedChange(Enum):
+    """Kinds of changes of a feed, as the journal has them."""
+
+    SOURCE = "source"
+    SILENT = "silent"
+    NOT_USED = "not used"
+    NO_PLACE = "no place"
 
 
 class Unnamed(Enum):

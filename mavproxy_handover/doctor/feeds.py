@@ -15,11 +15,10 @@ from typing import Any, Final
 
 from mavproxy_handover.config.onboard import OnboardProgram
 from mavproxy_handover.config.vehicle import VehicleConfig
-from mavproxy_handover.core.feeds import FeedKind, FeedRule
+from mavproxy_handover.core.feeds import NAMES, FeedChange, FeedKind, FeedRule
 from mavproxy_handover.doctor.check_context import CheckContext
 from mavproxy_handover.doctor.finding import Finding, error, ok, unseen, warning
 from mavproxy_handover.doctor.journal import entries_of_run
-from mavproxy_handover.gate.feeds import NAMES, FeedChange
 
 __all__ = ["feeds", "onboard_programs"]
 

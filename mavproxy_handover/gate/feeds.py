@@ -21,10 +21,19 @@ import math
 import traceback
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from enum import Enum
 from typing import Final, NamedTuple
 
-from mavproxy_handover.core.feeds import BasePlaces, Block, FeedKind, FeedSettings, Source, TerrainRequests, Unnamed
+from mavproxy_handover.core.feeds import (
+    NAMES,
+    BasePlaces,
+    Block,
+    FeedChange,
+    FeedKind,
+    FeedSettings,
+    Source,
+    TerrainRequests,
+    Unnamed,
+)
 from mavproxy_handover.gate.in_force import AuthorityInForce
 from mavproxy_handover.gate.judge import Fate, GateReason, Verdict
 from mavproxy_handover.gate.line_budget import LineBudget
@@ -34,7 +43,7 @@ from mavproxy_handover.wire.frames import Frame, field_bytes, field_float, field
 from mavproxy_handover.wire.message_ids import MESSAGE_IDS
 from mavproxy_handover.wire.rtcm import INJECTED_BYTES, RTCM_BYTES, BaseReader
 
-__all__ = ["KINDS", "NAMES", "PLACE_S", "REMIND_S", "FeedChange", "FeedNews", "Feeds", "feed_bytes_per_s"]
+__all__ = ["KINDS", "PLACE_S", "REMIND_S", "FeedNews", "Feeds", "feed_bytes_per_s"]
 
 #: message id -> kind of feed
 KINDS: Final[Mapping[int, FeedKind]] = {
@@ -42,13 +51,6 @@ KINDS: Final[Mapping[int, FeedKind]] = {
     for kind, names in FEED_MESSAGES.items()
     for name in names.split()
     if name in MESSAGE_IDS
-}
-#: what people call them
-NAMES: Final[Mapping[FeedKind, str]] = {
-    FeedKind.RTK: "RTK corrections",
-    FeedKind.ADSB: "ADS-B",
-    FeedKind.TERRAIN: "terrain",
-    FeedKind.WEATHER: "weather",
 }
 #: bytes in a second and reserve of one station, but RTK's (`[feeds] rtk_bytes_per_s`): eighty aircraft once a second,
 #: a hundred terrain blocks a second
@@ -84,15 +86,6 @@ _FEED: Final = GateReason.FEED
 def feed_bytes_per_s(kind: FeedKind, settings: FeedSettings) -> float:
     """The limit of a feed of one station."""
     return _BYTES_PER_S.get(kind, settings.rtk_bytes_per_s)
-
-
-class FeedChange(Enum):
-    """Kinds of changes of a feed, as the journal has them."""
-
-    SOURCE = "source"
-    SILENT = "silent"
-    NOT_USED = "not used"
-    NO_PLACE = "no place"
 
 
 class FeedNews(NamedTuple):

@@ -137,7 +137,7 @@ FAMILIES: Final = (
         "Findings of handover check",
         "The package can be read, and something would go wrong in flight. An error refuses the package.",
         f"Change plan, zones or mission.toml as the line says. {_CHECK}",
-        _in("mavproxy_handover/mission", "check fix ahead"),
+        _in("mavproxy_handover/mission", "check check_feeds fix ahead"),
     ),
     Family(
         "Figures of handover check",
@@ -238,7 +238,7 @@ SHOWN: Final = (
         "If a file cannot be read: give the files that the line names.",
         _in(
             "sitl/report",
-            "clocks dataflash evidence export figures flight loss outcome page "
+            "clocks dataflash evidence export feeds figures flight loss outcome page "
             "pictures record rehearsal sequence sources times tlog watch",
         ),
     ),

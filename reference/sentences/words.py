@@ -10,10 +10,9 @@ from typing import Final
 
 from mavproxy_handover.core.authority.control import ControlResult
 from mavproxy_handover.core.common.model import GuardState, Reason, in_words
-from mavproxy_handover.core.feeds import FeedKind
+from mavproxy_handover.core.feeds import NAMES, FeedKind
 from mavproxy_handover.core.safety.commands import Limit, Outcome
 from mavproxy_handover.core.safety.mode_source import Change
-from mavproxy_handover.gate.feeds import NAMES
 from mavproxy_handover.gate.judge import GateReason
 
 __all__ = ["WORDS"]

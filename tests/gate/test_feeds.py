@@ -15,8 +15,8 @@ import pytest
 from pymavlink.dialects.v20 import handover as mavlink
 
 from mavproxy_handover.core.common.model import AuthorityView, LeaseState, Phase
-from mavproxy_handover.core.feeds import FeedKind, FeedSettings
-from mavproxy_handover.gate.feeds import KINDS, PLACE_S, FeedChange, Feeds
+from mavproxy_handover.core.feeds import FeedChange, FeedKind, FeedSettings
+from mavproxy_handover.gate.feeds import KINDS, PLACE_S, Feeds
 from mavproxy_handover.gate.judge import Fate, GateReason, StationIdentity
 from mavproxy_handover.gate.policy.access import Access
 from mavproxy_handover.wire.frames import Frame
