@@ -5,8 +5,9 @@
 In it are the station's configuration, the keys that this configuration names, and its mission package, if that lies
 beside the configuration. Rules:
 
-1. Only the station's own keys and the key of the ground link go in. The key of another station, of the guard or of the
-   autopilot is refused, also if the configuration names it.
+1. Only the station's own keys and the key of the ground link go in: NAME.key, or NAME-VEHICLE.key for one of several
+   vehicles. The key of another station, of the guard or of the autopilot is refused, also if the configuration names
+   it.
 2. A rotation that is under way is left out: the archive has the new key.
 3. Of a mission's folder only the mission's own files go in: other things may lie beside them, bundles of other
    stations and copies of keys among them.
@@ -55,20 +56,16 @@ def make_bundle(station: str, config: Path, out: Path) -> list[Entry]:
 
 
 def _keys(station: str, loaded: StationConfig, config: Path) -> Iterator[Entry]:
+    names = {station} | {f"{station}-{vehicle.name}" for vehicle in loaded.vehicles}
     own = {Path(os.path.normpath(vehicle.key)) for vehicle in loaded.vehicles if vehicle.key is not None}
     ground = None if loaded.ground_key is None else Path(os.path.normpath(loaded.ground_key))
     for key in sorted(own | ({ground} if ground is not None else set())):
-        allowed = key.stem == GROUND if key == ground else _is_own(key.stem, station)
+        allowed = key.stem == GROUND if key == ground else key.stem in names
         if not allowed:
             whose = "the ground link" if key == ground else station
             raise KeysError(f"{key}: is not named after {whose}: nothing written. A bundle has no other station's key")
         load_key(key)
         yield Entry(f"{station}/{_beside(key, config)}", key.read_bytes(), 0o600)
-
-
-def _is_own(name: str, station: str) -> bool:
-    """Whether a key's name is that of the station, or of the station at one of several vehicles."""
-    return name == station or name.startswith(f"{station}-")
 
 
 def _missions(station: str, loaded: StationConfig, config: Path) -> Iterator[Entry]:

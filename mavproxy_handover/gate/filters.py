@@ -198,7 +198,7 @@ class Filters:
         if verdict.access is not Access.LOG:  # a file that is being read
             turn.goes_on(station, now)
             return verdict
-        if not turn.takes(station, frame.msgid, now):
+        if not turn.takes(station, frame.msgid, station == self._in_force.view.commander, now):
             return verdict._replace(fate=Fate.REFUSE, reason=GateReason.LOG_BUSY)
         return verdict
 

@@ -7,7 +7,7 @@ The autopilot serves one download. While the vehicle is disarmed any station may
 1. The first request takes the turn. It lasts until the station ends the download, or for `QUIET_S` after its last
    request or the last answer to it.
 2. Meanwhile the requests of other stations are refused, also those that would end the download. They are told whose
-   turn it is.
+   turn it is. Only the station with authority takes the turn from another, by a list, a log or a file.
 3. The answers go to the station whose turn it is, and to no other.
 
 Time is an argument (monotonic seconds).
@@ -45,9 +45,10 @@ class LogTurn:
         """The station that LOG_ENTRY and LOG_DATA are for; None: no station has asked for them."""
         return None if self._by_file else self.station(now)
 
-    def takes(self, station: int, msgid: int, now: float) -> bool:
-        """Whether a request of the station may pass. If so, the station has the turn, or has ended it."""
-        if self.station(now) not in (None, station):
+    def takes(self, station: int, msgid: int, commands: bool, now: float) -> bool:
+        """Whether a request of the station may pass. If so, the station has the turn, or has ended it. `commands`: it
+        has authority."""
+        if self.station(now) not in (None, station) and (not commands or msgid == _END):
             return False
         if msgid == _END:
             self.ends()

@@ -88,6 +88,18 @@ def test_no_secret_of_others_is_in_it(folder: Path) -> None:
         assert load_key(folder / "keys" / f"{name}.key") not in everything, name
 
 
+@pytest.mark.parametrize("vehicle", ["2", "b"])
+def test_the_key_of_a_station_whose_name_begins_alike_is_refused(
+    folder: Path, vehicle: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """`GCSA-2` may be another station."""
+    assert main(["make", f"GCSA-{vehicle}"]) == 0
+    (folder / "GCSA.toml").write_text(STATION.replace("keys/GCSA.key", f"keys/GCSA-{vehicle}.key"))
+    assert main(["bundle", "GCSA"]) != 0
+    assert f"keys/GCSA-{vehicle}.key: is not named after GCSA" in capsys.readouterr().err
+    assert not (folder / "GCSA-bundle.tar.gz").exists()
+
+
 def test_the_station_can_use_it(folder: Path, tmp_path: Path) -> None:
     assert main(["bundle", "GCSA", "--out", "a.tgz"]) == 0
     with tarfile.open(folder / "a.tgz") as archive:

@@ -10,7 +10,7 @@ frame of the commander, a frame of the vehicle, another fact, a pause. What must
 * what passes was sent, byte for byte, by the program of that link, and its rights contain it (second book-keeping:
   `tests/gate/test_onboard.py`);
 * a guided target passes only while its program has the delegation, and a payload frame only while it has the payload;
-* what passes of a program is no more than its bytes a second;
+* what passes of a program is no more than its bytes a second, and of all no more than their share of the line;
 * a program gets whole frames of the companion as answers, and few of them;
 * a delegation that ends sends a velocity of zero first, and is held unless the aircraft is led elsewhere.
 """
@@ -29,10 +29,10 @@ from mavproxy_handover.core.common.model import AuthorityView, FlightAction, Lea
 from mavproxy_handover.gate.in_force import AuthorityInForce
 from mavproxy_handover.gate.intent import Aim
 from mavproxy_handover.gate.judge import Fate, GateReason, Verdict
-from mavproxy_handover.gate.line_budget import LineBudget
 from mavproxy_handover.gate.onboard import OnboardMatters, OnboardRights
 from mavproxy_handover.gate.policy.onboard import SENSORS, Right
 from mavproxy_handover.gate.policy.rows import classify
+from mavproxy_handover.gate.rate_limit import RateLimit
 from mavproxy_handover.link.base import LinkCounters
 from mavproxy_handover.operator.base.context import Reports
 from mavproxy_handover.operator.onboard.delegating import Delegating, DelegationParts
@@ -65,6 +65,8 @@ COMMANDS: Final = sorted(COMMAND_NAMES)
 SYSTEMS: Final = (VEHICLE, VEHICLE, VEHICLE, GCSA, 0, 2, 255)
 COMPONENTS: Final = (None, None, None, 1, 191, 0, 195, 100)
 RTL: Final = 6
+#: the share of the line to the autopilot that the programs have together
+LINE_BYTES_PER_S: Final = 4000.0
 #: answers to a program: at once, and in a second (frames of one kind are answered five times a second)
 _ANSWERS: Final = 200
 _ANSWERS_PER_S: Final = 200
@@ -128,6 +130,8 @@ class Aboard:
         self.payload = ""
         self.target_passes = True
         self.decision: FlightAction | None = None
+        #: of the line to the autopilot, for all programs together
+        self.room = RateLimit(LINE_BYTES_PER_S, LINE_BYTES_PER_S)
         self.in_force = AuthorityInForce()
         self.in_force.view = AuthorityView(Phase.ON_MISSION, GCSA, None, 1, LeaseState.HELD, armed=True)
         self.aircraft = SimpleNamespace(
@@ -161,7 +165,7 @@ class Aboard:
             self._passes,
             lambda name: self.payload == name,
             lambda: COPTER.gate,
-            LineBudget().allow,
+            self.room.allow,
             LandingTargets(_landing()).judge,
             lambda: True,
         )
@@ -235,6 +239,8 @@ class Aboard:
         self._bytes[program.name] += len(frame.raw)
         most = max(280.0, program.bytes_per_s) + program.bytes_per_s * (self.now - self.begun_at)
         assert self._bytes[program.name] <= most + 1.0, "more than its bytes a second"
+        most = LINE_BYTES_PER_S * (1.0 + self.now - self.begun_at)
+        assert sum(self._bytes.values()) <= most + 1.0, "more than the line has room for"
         self.passed.append((program.name, frame))
 
     def check(self) -> None:

@@ -116,6 +116,20 @@ def test_the_second_may_not_end_the_download_of_the_first(door: Door, make: Make
     assert outcome(door, A, make("LOG_REQUEST_END", sysid=GCSA)) == BUSY
 
 
+@pytest.mark.parametrize("name", ["LOG_REQUEST_LIST", "LOG_REQUEST_DATA"])
+def test_no_station_keeps_the_commander_from_the_logs(door: Door, make: Make, name: str) -> None:
+    door.up(B, make("LOG_REQUEST_LIST", sysid=GCSB))
+    assert outcome(door, A, make(name, sysid=GCSA)) == PASSES
+    assert door.down(ENTRY) == {GCSA}
+    assert outcome(door, B, make("LOG_REQUEST_LIST", sysid=GCSB)) == BUSY
+    assert door.said == [(GCSB, "list of logs refused: GCSA reads a log, try again later")]
+    door.change(replace(GROUND, commander=GCSC))
+    door.up(C, make("LOG_REQUEST_END", sysid=GCSC))
+    assert outcome(door, B, make("LOG_REQUEST_LIST", sysid=GCSB)) == PASSES
+    assert outcome(door, C, file(make, OPEN, b"APM/LOGS/1.BIN", GCSC)) == PASSES
+    assert outcome(door, B, make("LOG_REQUEST_DATA", sysid=GCSB, count=9)) == BUSY
+
+
 def test_a_station_that_has_gone_keeps_no_one_waiting(door: Door, make: Make) -> None:
     door.up(B, make("LOG_REQUEST_LIST", sysid=GCSB))
     door.now += QUIET_S / 2
