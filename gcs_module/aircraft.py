@@ -310,7 +310,8 @@ class Aircraft:
     def on_package(self, frame: Frame, message: Any) -> None:
         """A package message for this vehicle's mission, from its companion or from another station."""
         for answer in self.missions.on_message(frame.sysid, frame.compid, message, self._now()):
-            self._put(frame.sysid, answer)
+            if not self.mute:
+                self._put(frame.sysid, answer)
         if message.get_type() == "MISSION_PACKAGE":
             name = "" if frame.sysid == self.sysid else self.core.name(frame.sysid)
             self.addresses.offered(frame.sysid, name, message.name, bytes(message.addresses))
@@ -352,7 +353,8 @@ class Aircraft:
         messages = self.missions.tick(now)
         self._update_held_mission()
         for receiver, message in messages:
-            self._put(receiver, message)
+            if not self.mute:
+                self._put(receiver, message)
 
     def _update_held_mission(self) -> None:
         event = self.missions.update()

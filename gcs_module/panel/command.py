@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Final
 
 from gcs_module.panel.endpoint import foreign, running
-from gcs_module.panel.panel_auth import PanelAuth
+from gcs_module.panel.panel_auth import PanelAuth, new_key
 from gcs_module.panel.session import Session
 from gcs_module.watch.page_arguments import add_address
 from gcs_module.watch.tiles import TilesError, TileSource, open_tiles
@@ -90,7 +90,8 @@ def _serve(arguments: argparse.Namespace, station: str, tiles: TileSource | None
         served = Served(arguments.host, arguments.port)
     except SystemExit:  # uvicorn has said why
         return 2
-    auth = PanelAuth(build(session, session.begin, session.end, tiles), served.host, served.port)
+    key = new_key()
+    auth = PanelAuth(build(session, session.begin, session.end, key, tiles), served.host, served.port, key)
 
     def print_link() -> None:
         print(f"{served.address}?token={auth.new_link()}", flush=True)

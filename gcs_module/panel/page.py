@@ -6,7 +6,8 @@ Rules that live here
 --------------------
 * The values go to each browser some times a second, the sections that have changed. The browser counts the time since
   the last values: if this program ends, the page says so by itself.
-* An order of a browser is text from outside: it is checked as any other order.
+* An order of a browser is text from outside: it is checked as any other order. It needs the key of the link
+  (`panel_auth.py`).
 * At most MOST_VIEWERS browsers have opened their socket.
 
 Import this only for `handover panel`: NiceGUI is an extra.
@@ -14,6 +15,7 @@ Import this only for `handover panel`: NiceGUI is an extra.
 
 from __future__ import annotations
 
+import hmac
 import json
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import nullcontext
@@ -52,8 +54,9 @@ _PARTS: Final = {
 class _Page:
     """The page in one browser."""
 
-    def __init__(self, session: Session, tiles: Mapping[str, Any] | None) -> None:
+    def __init__(self, session: Session, key: str, tiles: Mapping[str, Any] | None) -> None:
         self._session = session
+        self._key = key
         self._pinned = 0
         #: section -> its values as they were sent
         self._sent: dict[str, str] = {}
@@ -153,7 +156,10 @@ class _Page:
 
     def _on_order(self, event: GenericEventArguments) -> None:
         given = event.args if isinstance(event.args, dict) else {}
-        number, problem = self._session.order(given)
+        if hmac.compare_digest(str(given.get("key", "")).encode(), self._key.encode()):
+            number, problem = self._session.order({name: value for name, value in given.items() if name != "key"})
+        else:
+            number, problem = 0, "Not sent: this page needs a new link. Press Enter in the panel's terminal."
         order = {"do": str(given.get("do", ""))[:20]}
         if problem:
             ui.run_javascript(
@@ -174,10 +180,10 @@ def _far_m(here: tuple[float, float], there: tuple[float, float]) -> float:
 
 
 def build(
-    session: Session, begin: Callable[[], None], end: Callable[[], None], tiles: TileSource | None = None
+    session: Session, begin: Callable[[], None], end: Callable[[], None], key: str, tiles: TileSource | None = None
 ) -> FastAPI:
-    """The application. `begin` and `end` are called within its event loop; `tiles`: of the map, None: it has
-    none."""
+    """The application. `begin` and `end` are called within its event loop; `key`: that orders need; `tiles`: of the
+    map, None: it has none."""
     kind = PageKind(
         "handover panel",
         {"/panel": _HERE / "static", "/watch": _MAP},
@@ -186,4 +192,4 @@ def build(
         MOST_VIEWERS,
     )
     drawn = None if tiles is None else tiles.drawn()
-    return page_server(kind, lambda: _Page(session, drawn), begin, end, tiles)
+    return page_server(kind, lambda: _Page(session, key, drawn), begin, end, tiles)

@@ -6,6 +6,9 @@ Rules that live here
 --------------------
 * Every request needs the cookie. The link's token is exchanged for it once; the link is worthless after that. The next
   link lets another browser in, and a cookie is valid until the panel ends.
+* A browser gives a cookie to every port of this computer. So the cookie alone presses no button: an order also needs
+  the key. It comes with the cookie, behind the `#` of the address, which no browser sends to a server. The page keeps
+  it in the storage of its own port.
 * The host in the address must be one of this computer, or the address that was configured. A request that a page from
   elsewhere makes has another origin, and is refused. A socket without an origin is no browser's, and is refused.
 * Two panels of one computer do not share a cookie: its name holds the port.
@@ -20,18 +23,24 @@ from urllib.parse import urlsplit
 
 from gcs_module.watch.web_auth import WebAuth, is_loopback
 
-__all__ = ["PanelAuth"]
+__all__ = ["PanelAuth", "new_key"]
 
 _BYTES: Final = 24
 
 
-class PanelAuth(WebAuth):
-    """An ASGI application around the panel's. `host` and `port`: where it is served."""
+def new_key() -> str:
+    """A key for the orders to one panel."""
+    return secrets.token_urlsafe(_BYTES)
 
-    def __init__(self, app: Any, host: str, port: int) -> None:
+
+class PanelAuth(WebAuth):
+    """An ASGI application around the panel's. `host` and `port`: where it is served; `key`: that orders need."""
+
+    def __init__(self, app: Any, host: str, port: int, key: str) -> None:
         super().__init__(app, secrets.token_urlsafe(_BYTES), program="handover panel", cookie=f"handover_panel_{port}")
         self._host = host
         self._link = ""
+        self._key = key
 
     def new_link(self) -> str:
         """The token of a link that works once; an earlier link that was not used is worthless."""
@@ -60,3 +69,6 @@ class PanelAuth(WebAuth):
             return ""
         self._link = ""
         return self._token or ""
+
+    def _fragment(self) -> str:
+        return f"#{self._key}"

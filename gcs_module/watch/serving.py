@@ -7,13 +7,32 @@ Import this only for `handover watch` and `handover panel`: uvicorn is an extra.
 
 from __future__ import annotations
 
+import asyncio
 import socket
 from collections.abc import Callable
-from typing import Any
+from typing import Any, Final
 
 import uvicorn
+from uvicorn.protocols.http.auto import AutoHTTPProtocol
 
-__all__ = ["Served"]
+__all__ = ["FIRST_REQUEST_S", "Served"]
+
+#: a connection that has made no whole request by then is closed (s)
+FIRST_REQUEST_S: Final = 10.0
+
+
+class Connection(AutoHTTPProtocol):  # type: ignore[misc, valid-type]
+    """A connection that is closed if it makes no request: it would keep one of few places for browsers."""
+
+    def connection_made(self, transport: asyncio.Transport) -> None:
+        """As asyncio.Protocol."""
+        super().connection_made(transport)
+        self.loop.call_later(FIRST_REQUEST_S, self._close_if_silent)
+
+    def _close_if_silent(self) -> None:
+        # `connections` does not hold one that has become a socket of the page
+        if self in self.connections and self.cycle is None:
+            self.transport.close()
 
 
 class Served:
@@ -40,6 +59,7 @@ class Served:
     def _configuration(self, application: Any) -> uvicorn.Config:
         return uvicorn.Config(
             application,
+            http=Connection,
             host=self._host,
             port=self._port,
             log_level="warning",

@@ -5,6 +5,7 @@
 Rules that live here
 --------------------
 * A tile is asked for by three whole numbers, never by a name. A link that leads out of the folder is not followed.
+* A query of an MBTiles file ends after a time: a view in it may compute without an end.
 * A tile is at most MOST_BYTES long, and it is a picture by its first bytes: PNG, JPEG or WebP. Anything else counts as
   missing.
 * What cannot be used at all is refused at the start, with one line that says what is allowed.
@@ -16,6 +17,7 @@ import html
 import re
 import sqlite3
 import threading
+import time
 from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass
@@ -27,6 +29,10 @@ __all__ = ["MOST_BYTES", "Tile", "TileSource", "TilesError", "open_tiles", "plac
 MOST_BYTES: Final = 1 << 20
 _MOST_ZOOM: Final = 24
 _CREDIT: Final = 200
+#: longest time (s) of the queries when an MBTiles file is opened, and of one tile; SQLite's steps between two looks
+_OPEN_S: Final = 5.0
+_TILE_S: Final = 0.5
+_STEPS: Final = 10_000
 _PLACE: Final = re.compile(r"([0-9]{1,2})/([0-9]{1,8})/([0-9]{1,8})")
 _ENDINGS: Final = (".png", ".jpg", ".jpeg", ".webp")
 _ALLOWED: Final = "allowed are an MBTiles file and a folder with z/x/y.png (or .jpg, .webp)"
@@ -154,6 +160,8 @@ class _MbTiles:
         self._lock = threading.Lock()
         try:
             self._opened = sqlite3.connect(f"{path.resolve().as_uri()}?mode=ro", uri=True, check_same_thread=False)
+            self._opened.set_progress_handler(self._is_over, _STEPS)
+            self._ends_within(_OPEN_S)
             known = dict(self._opened.execute("SELECT name, value FROM metadata LIMIT 1000").fetchall())
             zooms = self._opened.execute("SELECT min(zoom_level), max(zoom_level) FROM tiles").fetchone()
             first = self._opened.execute("SELECT substr(tile_data, 1, 16) FROM tiles LIMIT 1").fetchone()
@@ -171,6 +179,13 @@ class _MbTiles:
             raise TilesError(f"{path}: zooms {zooms[0]} to {zooms[1]}: must be 0 to {_MOST_ZOOM}")
         self._values = _drawn(low, high, credit or str(known.get("attribution", "")), _bounds(known.get("bounds")))
 
+    def _ends_within(self, seconds: float) -> None:
+        """The queries from now on take no longer together."""
+        self._until = time.monotonic() + seconds
+
+    def _is_over(self) -> bool:
+        return time.monotonic() > self._until
+
     def drawn(self) -> Mapping[str, Any]:
         """As TileSource."""
         return self._values
@@ -183,6 +198,7 @@ class _MbTiles:
             "WHERE zoom_level = ? AND tile_column = ? AND tile_row = ?"
         )
         with self._lock, suppress(sqlite3.Error):
+            self._ends_within(_TILE_S)
             found = self._opened.execute(text, wanted).fetchone()
             if found is not None and isinstance(found[0], bytes):
                 return _tile(found[0])

@@ -93,6 +93,10 @@ class WebAuth:
         """The token for the cookie, if the token in the address is right; else ""."""
         return given if self._fits(given) else ""
 
+    def _fragment(self) -> str:
+        """The end of the address that a browser gets with its cookie."""
+        return ""
+
     async def _ask(self, scope: Any, send: _Send) -> None:
         """A request without the cookie: with the token in the address it gets the cookie."""
         try:
@@ -109,7 +113,11 @@ class WebAuth:
         # one slash: two would name another host
         place = "/" + quote(scope["path"].lstrip("/\\")) + (f"?{rest}" if rest else "")
         cookie = f"{self._cookie}={token}; HttpOnly; SameSite=Strict; Path=/"
-        headers = [(b"location", place.encode()), (b"set-cookie", cookie.encode()), *self._headers]
+        headers = [
+            (b"location", f"{place}{self._fragment()}".encode()),
+            (b"set-cookie", cookie.encode()),
+            *self._headers,
+        ]
         await send({"type": "http.response.start", "status": 303, "headers": headers})
         await send({"type": "http.response.body", "body": b""})
 

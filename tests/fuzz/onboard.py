@@ -166,6 +166,7 @@ class Aboard:
             lambda name: self.payload == name,
             lambda: COPTER.gate,
             self.room.allow,
+            self.room.allow,
             LandingTargets(_landing()).judge,
             lambda: True,
         )

@@ -19,7 +19,7 @@ class Bench:
 
     def __init__(self, host: str = "127.0.0.1") -> None:
         self.inside = 0
-        self.auth = PanelAuth(self._application, host, PORT)
+        self.auth = PanelAuth(self._application, host, PORT, "k" * 32)
 
     async def _application(self, _scope: Any, _receive: Any, send: Any) -> None:
         self.inside += 1

@@ -63,25 +63,25 @@ class Bench:
         )
         assert self.program.stdout is not None
         self.link = self.program.stdout.readline().strip()
-        self._cookies: Any = None
+        #: cookies, and the storage of the page
+        self._kept: Any = None
         self.page: Any = None
         self.faults: list[str] = []
 
     def open(self, size: tuple[int, int] = SIZES[0], scheme: str = "light") -> Any:
-        context = self._browser.new_context(viewport={"width": size[0], "height": size[1]}, color_scheme=scheme)
-        if self._cookies is not None:
-            context.add_cookies(self._cookies)
+        view = {"width": size[0], "height": size[1]}
+        context = self._browser.new_context(viewport=view, color_scheme=scheme, storage_state=self._kept)
         self.page = page = context.new_page()
         page.on("pageerror", lambda error: self.faults.append(str(error)))
-        address = self.link if self._cookies is None else self.link.partition("?")[0]
+        address = self.link if self._kept is None else self.link.partition("?")[0]
         for _ in range(100):
             try:
                 page.goto(address)
                 break
             except playwright.Error:
                 time.sleep(0.1)
-        self._cookies = context.cookies()
         page.wait_for_selector(".hp-who strong", timeout=60_000)
+        self._kept = context.storage_state()
         return page
 
     def text(self, part: str) -> str:
@@ -332,6 +332,21 @@ def test_a_station_that_dies_is_said_in_red(bench: Bench, pytestconfig: pytest.C
     assert bench.orders() == []
 
 
+def test_the_cookie_alone_presses_no_button(bench: Bench) -> None:
+    """Another port of this computer can learn the cookie."""
+    assert "#" not in bench.open().url, "the key does not stay in the address"
+    context = bench._browser.new_context()
+    context.add_cookies(bench._kept["cookies"])
+    page = context.new_page()
+    page.goto(bench.link.partition("?")[0])
+    page.wait_for_selector(".hp-who strong", timeout=60_000)
+    page.wait_for_timeout(1000)
+    page.locator(".hp-band button").first.click()
+    page.wait_for_selector("text=this page needs a new link")
+    context.close()
+    assert bench.orders() == []
+
+
 def test_a_panel_that_dies_is_said_by_the_browser_itself(bench: Bench) -> None:
     page = bench.open()
     page.wait_for_timeout(1000)
@@ -343,8 +358,7 @@ def test_a_panel_that_dies_is_said_by_the_browser_itself(bench: Bench) -> None:
 
 def test_a_page_whose_connection_never_comes_says_so(bench: Bench) -> None:
     bench.open()
-    context = bench._browser.new_context()
-    context.add_cookies(bench._cookies)
+    context = bench._browser.new_context(storage_state=bench._kept)
     context.route("**/_nicegui_ws/**", lambda route: route.abort())
     context.route_web_socket("**/_nicegui_ws/**", lambda _socket: None)
     page = context.new_page()

@@ -72,11 +72,15 @@ def test_a_link_opens_the_page_once_and_all_comes_from_here() -> None:
         assert host == "127.0.0.1"
         assert get(port, "/")[0] == 401
         status, headers, _text = get(port, f"/?token={token}")
-        assert (status, headers["location"]) == (303, "/")
+        assert status == 303
+        assert re.fullmatch(r"/#[\w-]{32}", headers["location"])
+        assert token not in headers["location"]
+        key = headers["location"][2:]
         cookie = headers["set-cookie"].partition(";")[0]
         assert get(port, f"/?token={token}")[0] == 401, "the link works once"
         status, _headers, page = get(port, "/", Cookie=cookie)
         assert status == 200
+        assert key not in page, "the cookie alone does not bring the key"
         named = set(re.findall(r"""(?:src|href)=["']([^"']+)["']""", page))
         assert {"/panel/panel.css", "/panel/panel.js", "/watch/map.css", "/watch/watch.js"} <= named
         assert [name for name in named if not name.startswith(("/", "data:"))] == []

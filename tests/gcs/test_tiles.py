@@ -134,6 +134,35 @@ def test_an_mbtiles_file_is_only_read(tmp_path: Path) -> None:
     assert sorted(each.name for each in tmp_path.iterdir()) == ["m.mbtiles"]
 
 
+SLOW = "WITH RECURSIVE n(i) AS (SELECT 1 UNION ALL SELECT i + 1 FROM n) SELECT count(*) FROM n"
+
+
+def with_view(path: Path, view: str) -> Path:
+    """An MBTiles file whose tiles are made by a view."""
+    mbtiles(path, {(3, 1, 5): PNG, (3, 1, 7): PNG})
+    made = sqlite3.connect(path)
+    made.execute("ALTER TABLE tiles RENAME TO pictures")
+    made.execute(f"CREATE VIEW tiles AS {view}")
+    made.commit()
+    made.close()
+    return path
+
+
+def test_a_view_that_never_ends_gives_no_tile_and_holds_nothing(tmp_path: Path) -> None:
+    data = f"CASE WHEN tile_row = 7 THEN ({SLOW}) ELSE tile_data END AS tile_data"
+    view = f"SELECT zoom_level, tile_column, tile_row, {data} FROM pictures"
+    tiles = open_tiles(with_view(tmp_path / "m.mbtiles", view))
+    assert tiles.read(3, 1, 0) is None
+    assert tiles.read(3, 1, 2) is not None, "the lock is free again"
+
+
+def test_a_file_whose_list_never_ends_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("gcs_module.watch.tiles._OPEN_S", 0.5)
+    view = f"SELECT ({SLOW}) AS zoom_level, 1 AS tile_column, 1 AS tile_row, x'' AS tile_data"
+    with pytest.raises(TilesError, match="is no MBTiles file"):
+        open_tiles(with_view(tmp_path / "m.mbtiles", view))
+
+
 def test_a_file_that_gets_damaged_gives_no_tile_and_no_fault(tmp_path: Path) -> None:
     path = mbtiles(tmp_path / "m.mbtiles", {(3, 1, row): PNG.ljust(3000, b"x") for row in range(8)})
     tiles = open_tiles(path)

@@ -13,6 +13,7 @@ import pytest
 from pymavlink.dialects.v20 import handover as mavlink
 
 from gcs_module import module as gcs_module
+from mavproxy_handover.mission.package import MissionPackage
 from sitl.vehicles.ports import PortPicker
 from tests.module.conftest import Clock
 from tests.module.test_station_module import StationBench
@@ -137,6 +138,22 @@ def test_without_the_program_the_module_answers_nothing_in_its_name(bench: Servi
     bench.sent()
     bench.hear(question())
     assert [m.get_type() for m in bench.sent()] == ["CONNECT_ACK"]
+
+
+def test_without_the_program_no_package_is_acknowledged(bench: ServingBench, delivery: MissionPackage) -> None:
+    bench.load(serve=bench.link)
+    bench.connect()
+    bench.beat()
+    bench.module.aircraft[0].core.vehicle_digest = delivery.digest
+    offer = mavlink.MAVLink_mission_package_message(251, 0, 400, list(delivery.digest), b"delivery", 0, [0] * 176)
+    bench.sent()
+    bench.hear(offer)
+    assert [m.get_type() for m in bench.sent()] == ["MISSION_PACKAGE_ACK"]
+    bench.run(1.6)
+    bench.sent()
+    bench.hear(offer)
+    bench.run(1.0)
+    assert bench.sent() == []
 
 
 def test_texts_of_parameters_survive(bench: ServingBench) -> None:

@@ -30,6 +30,15 @@ window.handoverPanel = (() => {
     return [made("div", "hp-title", title), ...(inside.length ? inside : [made("div", "hp-none", empty)])];
   }
 
+  // The key for orders comes once, behind the # of the address. The storage belongs to this port alone.
+  function keyOfLink() {
+    if (location.hash.length > 1) {
+      localStorage.setItem("handover_panel", location.hash.slice(1));
+      history.replaceState(null, "", location.pathname + location.search);
+    }
+    return localStorage.getItem("handover_panel") || "";
+  }
+
   // ---- orders -----------------------------------------------------------------------------------------------------
 
   function send(vehicle, button, argument) {
@@ -38,7 +47,7 @@ window.handoverPanel = (() => {
       state.born[each.dataset.key] = performance.now();
       each.disabled = true;
     });
-    emitEvent("panel_order", { do: button.do, vehicle, argument: argument === undefined ? button.argument : argument });
+    emitEvent("panel_order", { key: keyOfLink(), do: button.do, vehicle, argument: argument === undefined ? button.argument : argument });
     reply({ used: true, text: button.label + " sent." });
   }
 
@@ -415,6 +424,7 @@ window.handoverPanel = (() => {
   function attach() {
     if (state.attached) return;
     state.attached = true;
+    try { keyOfLink(); } catch (error) { console.error(error); } // a browser may block the storage: the page still shows
     document.addEventListener("keydown", hold);
     document.addEventListener("keyup", release);
     window.addEventListener("blur", () => release());
