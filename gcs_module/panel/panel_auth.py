@@ -7,8 +7,8 @@ Rules that live here
 * Every request needs the cookie. The link's token is exchanged for it once; the link is worthless after that. The next
   link lets another browser in, and a cookie is valid until the panel ends.
 * A browser gives a cookie to every port of this computer. So the cookie alone presses no button: an order also needs
-  the key. It comes with the cookie, behind the `#` of the address, which no browser sends to a server. The page keeps
-  it in the storage of its own port.
+  the key. It comes with the cookie, in the part of the address after `#`, which no browser sends to a server. The page
+  keeps it in the storage of its own port.
 * The host in the address must be one of this computer, or the address that was configured. A request that a page from
   elsewhere makes has another origin, and is refused. A socket without an origin is no browser's, and is refused.
 * Two panels of one computer do not share a cookie: its name holds the port.

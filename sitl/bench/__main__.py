@@ -19,7 +19,7 @@ from typing import Any, Final
 from mavproxy_handover.config.files import ConfigError
 from mavproxy_handover.mission.errors import MissionError
 from mavproxy_handover.store.keys import KeysError
-from sitl.bench import fleet, frames, load, panel, reads, rules, transfers
+from sitl.bench import fleet, floods, frames, load, panel, reads, rules, transfers
 from sitl.bench.results import Measurement, Results, Say, table
 from sitl.bench.rig import BenchError
 from sitl.run.memory import memory_of_a_run
@@ -49,6 +49,7 @@ BENCHES: Final[Mapping[str, Bench]] = {
     "restart": Bench(load.restart, load.RESTART, load.RESTART_QUICK),
     "starve": Bench(reads.starve, reads.STARVE, reads.STARVE_QUICK),
     "download": Bench(reads.download, reads.DOWNLOAD, reads.DOWNLOAD_QUICK),
+    "floods": Bench(floods.measure, floods.FULL, floods.QUICK),
     "fleet": Bench(fleet.measure, fleet.FULL, fleet.QUICK),
     "panel": Bench(panel.measure, panel.FULL, panel.QUICK),
 }
@@ -58,7 +59,7 @@ def _arguments(argv: Sequence[str]) -> argparse.Namespace:
     parser = argparse.ArgumentParser(
         prog="python -m sitl.bench",
         description="Measure the companion: frames beside stock MAVProxy, zones, energy, transfers, leases, restarts, "
-        "reads; a station with many vehicles; and the operator's panel.",
+        "reads, floods; a station with many vehicles; and the operator's panel.",
     )
     parser.add_argument("--quick", action="store_true", help="a smoke test: everything once, under two minutes")
     parser.add_argument("--out", type=Path, metavar="DIR", help="folder for bench.jsonl and logs (runs/bench-TIME)")

@@ -21,7 +21,7 @@ import heapq
 import itertools
 import select
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -248,17 +248,23 @@ def station_entry(name: str, sysid: int, port: int, key: Path | None = None) -> 
 
 
 def companion_config(
-    folder: Path, stations: Sequence[dict[str, Any]], *, dwell_s: float | None = None, **vehicle: Any
+    folder: Path,
+    stations: Sequence[dict[str, Any]],
+    *,
+    dwell_s: float | None = None,
+    more: Mapping[str, Any] | None = None,
+    **vehicle: Any,
 ) -> Path:
     """Write the companion's configuration file for these stations, the first the parent. Raises OSError.
 
-    `dwell_s` 0: one transfer may follow the other at once. `vehicle`: what [vehicle] has besides.
+    `dwell_s` 0: one transfer may follow the other at once. `more`: further tables. `vehicle`: what [vehicle] has
+    besides.
     """
     own = {"name": "drone-1", "sysid": VEHICLE, "parent": stations[0]["name"], "journal": "companion.jsonl"}
     own |= {"guard": False, "allow_unsigned": not any("key" in station for station in stations), **vehicle}
     # a commander that is not heard for a while is no reason to fly home
     policy = {"out_of_coverage": "warn", "commander_lost": "warn"}
-    tables: dict[str, Any] = {"vehicle": own, "station": list(stations), "policy": policy}
+    tables: dict[str, Any] = {"vehicle": own, "station": list(stations), "policy": policy, **(more or {})}
     return write_toml(
         folder / "handover.toml", tables if dwell_s is None else {**tables, "limits": {"dwell_s": dwell_s}}
     )

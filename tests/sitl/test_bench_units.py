@@ -162,7 +162,8 @@ def test_the_table_says_which_targets_are_missed_and_gives_each_note_once() -> N
 
 def test_every_part_has_a_plan_for_a_full_run_and_for_a_smoke_test() -> None:
     assert list(BENCHES) == [
-        "uplink", "downlink", "zones", "energy", "transfers", "stalls", "restart", "starve", "download", "fleet",
+        "uplink", "downlink", "zones", "energy", "transfers", "stalls", "restart", "starve", "download", "floods",
+        "fleet",
         "panel",
     ]  # fmt: skip
     for bench in BENCHES.values():

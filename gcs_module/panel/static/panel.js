@@ -30,7 +30,7 @@ window.handoverPanel = (() => {
     return [made("div", "hp-title", title), ...(inside.length ? inside : [made("div", "hp-none", empty)])];
   }
 
-  // The key for orders comes once, behind the # of the address. The storage belongs to this port alone.
+  // The key for orders comes once, after the # of the address. The storage belongs to this port alone.
   function keyOfLink() {
     if (location.hash.length > 1) {
       localStorage.setItem("handover_panel", location.hash.slice(1));
