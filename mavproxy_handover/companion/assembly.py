@@ -25,7 +25,7 @@ from mavproxy_handover.companion.restart import Restart
 from mavproxy_handover.companion.state_saver import PackageSaver, StateSaver
 from mavproxy_handover.config.running import Running
 from mavproxy_handover.core.arbiter import Arbiter, Identity
-from mavproxy_handover.core.authority.payload import PayloadAuthority
+from mavproxy_handover.core.authority.payload import PayloadAuthority, PayloadKind, PayloadRules, PayloadSettings
 from mavproxy_handover.core.common.events import Event
 from mavproxy_handover.core.remote_id import Operators
 from mavproxy_handover.gate.feeds import FeedNews
@@ -35,6 +35,7 @@ from mavproxy_handover.gate.in_force import AuthorityInForce
 from mavproxy_handover.gate.passed import GateSettings, PassedFrames
 from mavproxy_handover.gate.replies import GateReports
 from mavproxy_handover.gate.stale_streams import News
+from mavproxy_handover.mission.package import MissionPackage
 from mavproxy_handover.operator.base.context import Authority, Reports
 from mavproxy_handover.operator.stations.announcer import Announcer
 from mavproxy_handover.operator.stations.event_log import EventLog
@@ -47,6 +48,7 @@ from mavproxy_handover.operator.vehicle.terrain_answers import TerrainAnswers
 from mavproxy_handover.store.journal import Journal, strangers_path
 from mavproxy_handover.store.state_store import StateStore
 from mavproxy_handover.tools.schedule import attempt
+from mavproxy_handover.wire.frames import Frame
 
 __all__ = ["Base", "Hub", "Parts", "base_of", "parts_of"]
 
@@ -181,7 +183,14 @@ def parts_of(running: Running, base: Base, edge: Edge, hub: Hub) -> Parts:
         base.close()
         raise
     announcer = Announcer(message_sender)
-    payload = PayloadAuthority(config.payload, partial(_is_heard, message_sender, edge.clocks.monotonic))
+    payload = PayloadAuthority(
+        lambda: _payload_settings(config.payload, autopilot.mission.flown.package),
+        partial(_is_heard, message_sender, edge.clocks.monotonic),
+    )
+
+    def from_manager(frame: Frame, now: float) -> None:
+        gate.from_manager(frame, now)
+
     onboard = assemble_onboard(
         config.sysid,
         edge.onboard,
@@ -192,6 +201,7 @@ def parts_of(running: Running, base: Base, edge: Edge, hub: Hub) -> Parts:
         lambda: announcer.action,
         edge.write_autopilot,
         edge.budget,
+        from_manager,
     )
     matters = CompanionMatters(
         autopilot.command_check.target,
@@ -200,6 +210,8 @@ def parts_of(running: Running, base: Base, edge: Edge, hub: Hub) -> Parts:
         lambda: autopilot.aircraft.judged_by,
         onboard.delegating.commander_sends if onboard.delegating.possible else None,
         partial(_payload_station, payload, base),
+        onboard.programs.managers,
+        onboard.programs.to_manager,
     )
     gate = Gate(
         config.sysid,
@@ -243,12 +255,16 @@ def _is_heard(message_sender: MessageSender, clock: Callable[[], float], name: s
     return any(port.name == name and clock() - port.heartbeat_at < _HEARD_S for port in message_sender.ports.values())
 
 
-def _payload_station(payload: PayloadAuthority, base: Base) -> int | None:
-    """The station (system id) that has payload authority; None: no station has."""
+def _payload_settings(vehicle: PayloadRules, package: MissionPackage | None) -> PayloadSettings:
+    return PayloadSettings(vehicle) if package is None else PayloadSettings(vehicle, package.payload)
+
+
+def _payload_station(payload: PayloadAuthority, base: Base, kind: PayloadKind) -> int | None:
+    """The station (system id) that has this kind of payload; None: no station has."""
     commander = base.in_force.view.commander
     payload.authority_moved("" if commander is None else base.arbiter.name(commander))
     ports = base.message_sender.ports.values()
-    return next((port.sysid for port in ports if port.name == payload.holder), None)
+    return next((port.sysid for port in ports if port.name == payload.holder(kind)), None)
 
 
 def _gate_reports(base: Base) -> GateReports:

@@ -22,6 +22,7 @@ from mavproxy_handover.operator.onboard.landing_targets import LandingTargets
 from mavproxy_handover.operator.onboard.port import OnboardPort
 from mavproxy_handover.operator.onboard.programs import OnboardPrograms, OnboardSurroundings
 from mavproxy_handover.operator.onboard.return_watch import ReturnWatch
+from mavproxy_handover.wire.frames import Frame
 
 __all__ = ["OnboardParts", "assemble_onboard"]
 
@@ -51,9 +52,10 @@ def assemble_onboard(
     decision: Callable[[], FlightAction | None],
     to_autopilot: Callable[[bytes], None],
     budget: LineBudget,
+    to_stations: Callable[[Frame, float], None],
 ) -> OnboardParts:
     """Construct the parts for vehicle `vehicle` (system id). `decision`: the one in force. `to_autopilot` takes whole
-    frames."""
+    frames, `to_stations` what payload managers say."""
     guided = {port.name: port for port in ports if Right.GUIDED in port.rights.rights}
     orders = autopilot.orders
     parts = DelegationParts(in_force, autopilot.aircraft, orders.stand, orders.give_stand_up, decision, reports)
@@ -70,11 +72,11 @@ def assemble_onboard(
     matters = OnboardMatters(
         delegating.permits,
         target_passes,
-        lambda name: payload.holder == name,
+        lambda kind, name: payload.holder(kind) == name,
         lambda: autopilot.aircraft.judged_by,
         budget.allow,
         LandingTargets(autopilot.aircraft).judge,
         lambda: not estimate.stopped,
     )
-    around = OnboardSurroundings(matters, to_autopilot, delegating.target_passed, delegating.link_closed)
+    around = OnboardSurroundings(matters, to_autopilot, to_stations, delegating.target_passed, delegating.link_closed)
     return OnboardParts(OnboardPrograms(vehicle, ports, around, reports), delegating, estimate, returns)

@@ -16,6 +16,7 @@ from typing import Any, Final
 from mavproxy_handover.config.toml import ConfigError, Table, list_of_tables
 from mavproxy_handover.gate.onboard import OnboardRights
 from mavproxy_handover.gate.policy.onboard import SENSORS, Right
+from mavproxy_handover.gate.policy.payload import KIND_OF_COMPONENT
 from mavproxy_handover.link.forms import FORMS, Kind, parse_device
 from mavproxy_handover.tools.key_table import Key, KeyTable, flag, items, number, text
 from mavproxy_handover.wire.ids import (
@@ -66,7 +67,7 @@ ONBOARD: Final = KeyTable(
             "component",
             int,
             "MAVLink component that it speaks as, with the vehicle's system id: 25 to 99 are free, 197 is visual "
-            "odometry, 100 to 105 are cameras; no other program's",
+            "odometry; cameras are 100 to 105, gimbals 154 and 171 to 175, a winch 169; no other program's",
             required=True,
             limits=(2, 255),
             example=25,
@@ -74,7 +75,8 @@ ONBOARD: Final = KeyTable(
         items(
             "rights",
             f"any of {', '.join(_RIGHTS)}: sensor messages that 'sensors' names; payload commands while it has "
-            "payload authority; guided targets while the commander delegates them. Without one it reads and hears",
+            "payload authority; guided targets while the commander delegates them; a camera, gimbal or winch of the "
+            "vehicle, which stations hear and command. Without one it reads and hears",
             [],
             example=["sensors"],
         ),
@@ -147,6 +149,12 @@ def _program(table: Table) -> OnboardProgram:
     component = table["component"]
     if component in _TAKEN:
         raise table.error("component", f"{component} is {_TAKEN[component]} component; choose another, such as 25")
+    if Right.MANAGER in rights and component not in KIND_OF_COMPONENT:
+        raise table.error(
+            "component",
+            f"{component} is none of the payload's, which the right 'manager' needs: 100 to 105 (camera), 154 or 171 "
+            "to 175 (gimbal), 169 (winch)",
+        )
     link = table.link("link", table["link"])
     if not table["remote"] and not _is_here(link):
         raise table.error(

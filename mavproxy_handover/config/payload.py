@@ -6,39 +6,30 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, Final
 
 from mavproxy_handover.config.toml import one_table
-from mavproxy_handover.core.authority.payload import AT_HANDOVER, FLIGHT, REQUEST, PayloadSettings
-from mavproxy_handover.tools.key_table import KeyTable, text, word
+from mavproxy_handover.core.authority.payload import AT_HANDOVER, FLIGHT, REQUEST, PayloadKind, PayloadRules
+from mavproxy_handover.mission.keys import payload_keys
+from mavproxy_handover.tools.key_table import KeyTable
 
-__all__ = ["PAYLOAD", "payload_settings"]
+__all__ = ["PAYLOAD", "payload_rules"]
 
 PAYLOAD: Final = KeyTable(
     "payload",
-    (
-        text(
-            "control",
-            f"{FLIGHT}: the commander's; {REQUEST}: the commander's until a station asks for it; or the name of a "
-            "station, or of an onboard program with the right 'payload'",
-            FLIGHT,
-        ),
-        word(
-            "at_handover",
-            AT_HANDOVER,
-            f"with control = {REQUEST}: whether a station that asked for it loses it when the aircraft gets another "
-            "commander",
-            AT_HANDOVER[0],
-        ),
-    ),
-    "Payload authority: gimbal, camera, winch, gripper, lights. It never reaches a flight function.",
+    payload_keys("a station, or of an onboard program with the right 'payload'"),
+    "Payload authority: gimbal, camera, winch, gripper, lights. It never reaches a flight function. [payload] of the "
+    f"mission goes before. Without both, {FLIGHT} and {AT_HANDOVER[0]}.",
 )
 
 
-def payload_settings(data: Mapping[str, Any], path: Path, names: Collection[str]) -> PayloadSettings:
+def payload_rules(data: Mapping[str, Any], path: Path, names: Collection[str]) -> PayloadRules:
     """Parse `[payload]`. `names`: the stations, and the onboard programs with that right. Raises ConfigError."""
     table = one_table(data, PAYLOAD, path)
-    control = table["control"]
-    if control not in (FLIGHT, REQUEST, *names):
-        raise table.error("control", f"{control!r} must be one of {', '.join((FLIGHT, REQUEST, *names))}")
-    return PayloadSettings(control, table["at_handover"])
+    allowed = (FLIGHT, REQUEST, *names)
+    for key in ("control", *(kind.value for kind in PayloadKind)):
+        if table[key] is not None and table[key] not in allowed:
+            raise table.error(key, f"{table[key]!r} must be one of {', '.join(allowed)}")
+    kinds = {kind: str(table[kind.value]) for kind in PayloadKind if table[kind.value] is not None}
+    return PayloadRules(table["control"], table["at_handover"], MappingProxyType(kinds))

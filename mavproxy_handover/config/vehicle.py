@@ -12,7 +12,7 @@ from typing import Any
 
 from mavproxy_handover.config.feeds import feed_settings
 from mavproxy_handover.config.onboard import OnboardProgram, onboard_programs
-from mavproxy_handover.config.payload import payload_settings
+from mavproxy_handover.config.payload import payload_rules
 from mavproxy_handover.config.position import PositionSettings, position_settings
 from mavproxy_handover.config.remote_id import RemoteIdSettings, remote_id_settings
 from mavproxy_handover.config.route import route_limits
@@ -29,7 +29,7 @@ from mavproxy_handover.config.vehicle_keys import (
     VEHICLE,
     VEHICLE_FILE,
 )
-from mavproxy_handover.core.authority.payload import PayloadSettings
+from mavproxy_handover.core.authority.payload import PayloadRules
 from mavproxy_handover.core.common.causes import Cause
 from mavproxy_handover.core.common.limits import Limits
 from mavproxy_handover.core.common.model import StandingConsent, Station
@@ -106,7 +106,7 @@ class VehicleConfig:
     #: software on the companion that has a link of its own
     onboard: tuple[OnboardProgram, ...] = ()
     #: which station or program has payload authority
-    payload: PayloadSettings = field(default_factory=PayloadSettings)
+    payload: PayloadRules = field(default_factory=PayloadRules)
 
 
 # ---- limits -------------------------------------------------------------------------------------------------------
@@ -192,7 +192,7 @@ def vehicle_of(data: Mapping[str, Any], path: Path, layout_text: bytes | None = 
         feeds=feed_settings(data, path, {entry.station.name: entry.station.sysid for entry in stations}),
         remote_id=remote_id_settings(data, path),
         onboard=programs,
-        payload=payload_settings(data, path, (*(entry.station.name for entry in stations), *payloads)),
+        payload=payload_rules(data, path, (*(entry.station.name for entry in stations), *payloads)),
     )
 
 

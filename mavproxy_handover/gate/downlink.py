@@ -199,6 +199,10 @@ class DownlinkPolicy:
                 window.many = window.many or many  # a single question during a list must not shorten the list
                 window.left = min(window.left + EACH, _MOST)
 
+    def is_station(self, sysid: int) -> bool:
+        """Whether a system id is one of a station."""
+        return sysid in self._owner
+
     def receivers(self, frame: Frame, stations: Iterable[int], view: AuthorityView, now: float) -> list[int]:
         """The stations (system ids) that get this frame of the vehicle. For them it counts as sent.
 

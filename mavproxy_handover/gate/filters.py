@@ -8,7 +8,8 @@ messages of them, and perhaps only those of the station with authority, or of th
 the ones before it. The verdict of the last one is final. The order of the table is the rule:
 
 0. Payload authority comes first, because it may be another station's than flight authority. What such a station sends
-   has a limit, because the lease travels on the same line to the autopilot.
+   has a limit, because the lease travels on the same line to the autopilot. Before it, frames for payload managers on
+   board: they take few, and the autopilot gets none of them (`policy/managers.py`).
 1. Streams that ran before their station had authority come next: they stay refused, whatever else refuses them.
 2. Sticks come before targets, and targets that a filter has dropped cost no check of the situation.
 3. The check of commands in flight comes before the commands that the companion carries out: a command that leaves
@@ -26,6 +27,7 @@ from typing import Final, NamedTuple
 
 from pymavlink.dialects.v20 import handover as mavlink
 
+from mavproxy_handover.core.authority.payload import PayloadKind
 from mavproxy_handover.core.common.model import Phase
 from mavproxy_handover.gate.downloads import LOG_REQUESTS
 from mavproxy_handover.gate.in_force import AuthorityInForce
@@ -34,13 +36,14 @@ from mavproxy_handover.gate.judge import Fate, GateReason, Verdict, uploads
 from mavproxy_handover.gate.operators import REMOTE_ID_MESSAGES
 from mavproxy_handover.gate.passed import PassedFrames
 from mavproxy_handover.gate.policy.access import Access
-from mavproxy_handover.gate.policy.payload import PAYLOAD_MESSAGES, is_payload
+from mavproxy_handover.gate.policy.managers import Taken, taken
+from mavproxy_handover.gate.policy.payload import KIND_OF_COMPONENT, PAYLOAD_MESSAGES, payload_kind
 from mavproxy_handover.gate.questions import ASKED
 from mavproxy_handover.gate.rate_limit import RateLimit
 from mavproxy_handover.gate.stale_streams import STICKS, releases
 from mavproxy_handover.gate.targets import TargetStreams
 from mavproxy_handover.vehicle.profiles import Modes
-from mavproxy_handover.wire.frames import Frame
+from mavproxy_handover.wire.frames import Frame, target
 from mavproxy_handover.wire.message_ids import COMMAND_MESSAGES, message_ids
 
 __all__ = ["PAYLOAD_BYTES_PER_S", "CompanionMatters", "Filter", "Filters"]
@@ -59,7 +62,22 @@ _LOGS: Final[frozenset[_Class]] = frozenset((Access.LOG, Access.BULK))
 _ORDERS: Final[frozenset[_Class]] = frozenset((Access.COMMAND, Access.SAFEGUARD))
 _ALL: Final[frozenset[_Class]] = frozenset(_CLASSES)
 _PAYLOADS: Final[frozenset[_Class]] = frozenset((Access.STREAM, Access.COMMAND))
-_OF_PAYLOAD: Final = message_ids(*PAYLOAD_MESSAGES) | COMMAND_MESSAGES
+_OF_PAYLOAD: Final = message_ids(*(name for each in PAYLOAD_MESSAGES.values() for name in each)) | COMMAND_MESSAGES
+#: reasons of verdicts on functions of the autopilot. At a payload manager its own rules apply instead
+_AUTOPILOTS: Final = frozenset(
+    (
+        GateReason.ALLOWED,
+        GateReason.COMPANION,
+        GateReason.FEED,
+        GateReason.NOT_IN_CONTROL,
+        GateReason.LOCKED_WHILE_ARMED,
+        GateReason.COMMANDERS_IN_FLIGHT,
+    )
+)
+#: classes of frames whose refusal has no answer
+_UNANSWERED: Final = frozenset((Access.STREAM, Access.FEED))
+#: classes of frames that the companion takes, to whichever component of the vehicle they are addressed
+_COMPANIONS: Final = frozenset((Access.TRANSFER, Access.CONTROL, Access.LIVENESS))
 #: streams that lead the aircraft
 _LEADS: Final = STICKS | TARGET_MESSAGES | {mavlink.MAVLINK_MSG_ID_SET_ATTITUDE_TARGET}
 _FILES: Final = frozenset((mavlink.MAVLINK_MSG_ID_FILE_TRANSFER_PROTOCOL,))
@@ -82,8 +100,12 @@ class CompanionMatters:
     #: the commander sends a command, a target or sticks: that ends a delegation to an onboard program. None: no program
     #: can have one
     commander_sends: Callable[[Frame, Verdict, float], None] | None
-    #: the station (system id) that has payload authority; None: no station
-    payload: Callable[[], int | None]
+    #: the station (system id) that has this kind of payload; None: no station
+    payload: Callable[[PayloadKind], int | None]
+    #: the components that payload managers on board speak as
+    managers: frozenset[int]
+    #: sends a frame to the payload manager that it is addressed to
+    to_manager: Callable[[Frame, float], None]
 
 
 #: frame, verdict so far, system id of the station, time -> the verdict
@@ -121,7 +143,9 @@ class Filters:
         self._targets = TargetStreams(matters.target_passes)
         self._payload_room = RateLimit(PAYLOAD_BYTES_PER_S, PAYLOAD_BYTES_PER_S)
         stale = passed.stale_streams.limit
+        managers = (Filter("frames for payload managers on board that none takes", _ALL, self._manager),)
         self.table: tuple[Filter, ...] = (
+            *(managers if matters.managers else ()),
             Filter("payload commands without payload authority", _PAYLOADS, self._payload, _OF_PAYLOAD),
             Filter("sticks and setpoints that ran before their station had authority", _STREAMS, stale),
             Filter("sticks before the vehicle is armed, and in a rehearsal", _STREAMS, self._sticks, STICKS),
@@ -202,28 +226,55 @@ class Filters:
             return verdict._replace(fate=Fate.REFUSE, reason=GateReason.LOG_BUSY)
         return verdict
 
-    def _payload(self, frame: Frame, verdict: Verdict, station: int, now: float) -> Verdict:
-        if not is_payload(frame):
+    def to_manager(self, frame: Frame) -> bool:
+        """Whether a frame is addressed to a payload manager on board."""
+        aim = target(frame) if self._matters.managers else None
+        return aim is not None and aim[1] in self._matters.managers
+
+    def _manager(self, frame: Frame, verdict: Verdict, station: int, now: float) -> Verdict:
+        if verdict.reason not in _AUTOPILOTS or verdict.access in _COMPANIONS or not self.to_manager(frame):
             return verdict
-        holds = station == self._matters.payload()
+        takes = taken(frame, verdict.access)
+        if isinstance(takes, PayloadKind):
+            return self._of_payload(takes, frame, verdict, station, now)
+        if takes is Taken.REFUSES:
+            refused = Fate.DROP if verdict.access in _UNANSWERED else Fate.REFUSE
+            return verdict._replace(fate=refused, reason=GateReason.MANAGER_TARGET)
+        if verdict.reason is GateReason.COMMANDERS_IN_FLIGHT and self._has_payload_of(frame, station):
+            return verdict._replace(fate=Fate.FORWARD, reason=GateReason.ALLOWED)  # it slows down no autopilot
+        return verdict
+
+    def _has_payload_of(self, frame: Frame, station: int) -> bool:
+        aim = target(frame)
+        return aim is not None and station == self._matters.payload(KIND_OF_COMPONENT[aim[1]])
+
+    def _payload(self, frame: Frame, verdict: Verdict, station: int, now: float) -> Verdict:
+        if verdict.fate is not _FORWARD and verdict.reason is not GateReason.NOT_IN_CONTROL:
+            return verdict
+        kind = payload_kind(frame)
+        return verdict if kind is None else self._of_payload(kind, frame, verdict, station, now)
+
+    def _of_payload(self, kind: PayloadKind, frame: Frame, verdict: Verdict, station: int, now: float) -> Verdict:
+        """A frame that the station with this kind of payload may send, and no other."""
+        holds = station == self._matters.payload(kind)
         refused = Fate.DROP if verdict.access is Access.STREAM else Fate.REFUSE
-        if holds and verdict.reason is GateReason.NOT_IN_CONTROL:
-            if not self._payload_room.allow(now, len(frame.raw)):
+        if holds and verdict.fate is not _FORWARD:
+            if verdict.reason is GateReason.NOT_IN_CONTROL and not self._payload_room.allow(now, len(frame.raw)):
                 return verdict._replace(fate=refused, reason=GateReason.TOO_OFTEN)
-            if not self._passed.budget.allow(now, len(frame.raw)):
+            if not self.to_manager(frame) and not self._passed.budget.allow(now, len(frame.raw)):
                 return verdict._replace(fate=refused, reason=GateReason.LINE_FULL)
             return verdict._replace(fate=Fate.FORWARD, reason=GateReason.ALLOWED)
         if not holds and verdict.fate is _FORWARD:
             return verdict._replace(fate=refused, reason=GateReason.NOT_PAYLOADS)
         return verdict
 
-    @staticmethod
-    def _ends(commander_sends: Callable[[Frame, Verdict, float], None] | None) -> tuple[Filter, ...]:
+    def _ends(self, commander_sends: Callable[[Frame, Verdict, float], None] | None) -> tuple[Filter, ...]:
         if commander_sends is None:
             return ()
 
         def ends(frame: Frame, verdict: Verdict, _station: int, now: float) -> Verdict:
-            commander_sends(frame, verdict, now)
+            if not self.to_manager(frame):
+                commander_sends(frame, verdict, now)
             return verdict
 
         what = "a delegation that the commander ends by"

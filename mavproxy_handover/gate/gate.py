@@ -29,6 +29,8 @@ Rules
 10. Frames of downloads go after all others (`downloads.py`). One station at a time reads flight logs, and none while
     the vehicle is armed (`log_turn.py`).
 11. Answers of the autopilot to the companion's own reads of parameters are not passed on (`own_reads.py`).
+12. A frame that is addressed to a payload manager on board goes there, and never to the autopilot. What a manager says
+    goes to the stations that may hear the vehicle, and to the station with that payload (`policy/managers.py`).
 
 A fault while a frame is noted costs that note; a fault while a station is written to costs that frame. Both are
 reported. Any other exception goes to the caller.
@@ -51,10 +53,11 @@ from mavproxy_handover.gate.judge import Fate, GateReason, Verdict, decide, usua
 from mavproxy_handover.gate.naming import named
 from mavproxy_handover.gate.passed import PassedFrames
 from mavproxy_handover.gate.policy.access import Access
+from mavproxy_handover.gate.policy.payload import KIND_OF_COMPONENT
 from mavproxy_handover.gate.port import Port
 from mavproxy_handover.gate.refusal_text import unsaid
 from mavproxy_handover.gate.replies import GateReports, Replies
-from mavproxy_handover.wire.frames import Frame
+from mavproxy_handover.wire.frames import Frame, target
 from mavproxy_handover.wire.ids import AUTOPILOT_COMPID, COMPANION_COMPID, LANGUAGE_COMPID, OUR_MESSAGES, PROBE_COMPID
 
 __all__ = ["UNNOTED", "Gate"]
@@ -147,6 +150,10 @@ class Gate:
         if not commands:
             passed.rates.note_heard(port.sysid, now)
         if verdict.fate is _FORWARD:
+            if self._filters.to_manager(frame):
+                passed.to_manager(port, frame, verdict, now)
+                self._matters.to_manager(frame, now)
+                return verdict
             if frame.msgid in LOG_REQUESTS:
                 self.downloads.asked(port, frame, now)
             else:
@@ -229,6 +236,19 @@ class Gate:
             passed.log_turn.answered(now)
             return receivers if reader is None else [reader]
         return passed.feeds.terrain_asked(frame, receivers, now) if frame.known else receivers
+
+    def from_manager(self, frame: Frame, now: float) -> None:
+        """A frame of a payload manager that its rights let pass (`onboard.py`), for the stations (rule 12)."""
+        downlink, aim = self._passed.downlink, target(frame)
+        general = aim is None or aim[0] in (0, self._vehicle)
+        if not general and aim is not None and not downlink.is_station(aim[0]):
+            return
+        receivers = downlink.receivers(frame, self._ports, self._in_force.view, now)
+        holder = self._matters.payload(KIND_OF_COMPONENT[frame.compid])
+        if general and holder is not None and holder in self._ports and holder not in receivers:
+            receivers.append(holder)
+        for station in receivers:
+            self._replies.send(self._ports[station], frame.raw)
 
     # ---- authority ------------------------------------------------------------------------------------------------
 

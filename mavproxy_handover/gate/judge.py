@@ -113,6 +113,7 @@ class GateReason(Enum):
     ESTIMATE = "estimate and GPS receiver disagree"  #: of an onboard program (`operator/onboard/estimate_watch`)
     LINE_FULL = "the line to the autopilot has no more room"  #: the budget of all together (`line_budget`)
     NOT_PAYLOADS = "another has payload authority"  #: `[payload]` (`core/authority/payload.py`)
+    MANAGER_TARGET = "no command of a camera, gimbal or winch"  #: to an onboard manager (`policy/managers.py`)
 
     #: as in `Access`
     __hash__ = object.__hash__

@@ -8,7 +8,8 @@ Rules, in this order; the first that applies decides:
 
 1. Identity. A frame without the vehicle's system id, or with another component than the program's, is dropped.
 2. Default deny. A message that no definition is known of is dropped.
-3. Target. A frame for another system is dropped. A frame for the companion's own component is refused.
+3. Target. A frame for another system is dropped, unless it is the answer of a payload manager to a station. A frame for
+   the companion's own component is refused.
 4. Right. A message or command in none of the program's rights is refused. Every message of `SENSORS` is named in the
    configuration, one by one.
 5. The filters of `OnboardFilters`, in the order of their table: rate and size, guided targets, payload.
@@ -25,11 +26,13 @@ from typing import Final, NamedTuple
 
 from pymavlink.dialects.v20 import handover as mavlink
 
+from mavproxy_handover.core.authority.payload import PayloadKind
 from mavproxy_handover.gate.intent import Aim
 from mavproxy_handover.gate.judge import Fate, GateReason, Verdict
 from mavproxy_handover.gate.policy.access import Access
+from mavproxy_handover.gate.policy.managers import MANAGER_SAYS
 from mavproxy_handover.gate.policy.onboard import GUIDED, HEARTBEAT_HZ, READ_HZ, READS, SENSORS, Moves, Right
-from mavproxy_handover.gate.policy.payload import is_payload
+from mavproxy_handover.gate.policy.payload import payload_kind
 from mavproxy_handover.gate.policy.rows import Row, classify
 from mavproxy_handover.gate.rate_limit import RateLimit
 from mavproxy_handover.gate.targets import TargetStreams
@@ -38,7 +41,7 @@ from mavproxy_handover.wire.frames import Frame, target
 from mavproxy_handover.wire.ids import AUTOPILOT_COMPID, COMPANION_COMPID
 from mavproxy_handover.wire.message_ids import COMMAND_MESSAGES, message_ids
 
-__all__ = ["OnboardFilters", "OnboardMatters", "OnboardRights", "judge_onboard"]
+__all__ = ["OnboardFilters", "OnboardMatters", "OnboardRights", "judge_onboard", "says"]
 
 _HEARTBEAT: Final = mavlink.MAVLINK_MSG_ID_HEARTBEAT
 _LANDING_TARGET: Final = mavlink.MAVLINK_MSG_ID_LANDING_TARGET
@@ -46,6 +49,7 @@ _SENSORS: Final = message_ids(*SENSORS)
 _ESTIMATES: Final = message_ids(*(sensor.name for sensor in SENSORS.values() if sensor.moves is Moves.ESTIMATE))
 _GUIDED: Final = message_ids(*GUIDED)
 _READS: Final = message_ids(*READS)
+_SAYS: Final = message_ids(*MANAGER_SAYS)
 #: messages of one kind at once
 _BURST: Final = 10.0
 #: bytes at once, in seconds of the rate; a longest frame always passes
@@ -97,9 +101,16 @@ def _passing(frame: Frame, row: Row, program: OnboardRights) -> _Passing | None:
         return _Passing(Right.GUIDED, Access.STREAM)
     if msgid in _READS or (msgid in COMMAND_MESSAGES and row.access is Access.READ):
         return _Passing(None, Access.READ)
-    if Right.PAYLOAD in program.rights and is_payload(frame):
+    if says(frame, program):
+        return _Passing(Right.MANAGER, Access.STREAM)
+    if Right.PAYLOAD in program.rights and payload_kind(frame) is not None:
         return _Passing(Right.PAYLOAD, Access.STREAM if row.access is Access.STREAM else Access.COMMAND)
     return None
+
+
+def says(frame: Frame, program: OnboardRights) -> bool:
+    """Whether a frame is what a payload manager tells the stations."""
+    return frame.msgid in _SAYS and Right.MANAGER in program.rights
 
 
 def judge_onboard(frame: Frame, program: OnboardRights, vehicle: int) -> Verdict:
@@ -115,7 +126,7 @@ def judge_onboard(frame: Frame, program: OnboardRights, vehicle: int) -> Verdict
     if not frame.known:
         return Verdict(Fate.DROP, row.access, GateReason.UNKNOWN_MESSAGE, row.what)
     aim = target(frame)
-    if aim is not None and aim[0] not in (0, vehicle):
+    if aim is not None and aim[0] not in (0, vehicle) and not says(frame, program):
         return Verdict(Fate.DROP, row.access, GateReason.OTHER_TARGET, row.what)
     passing = _passing(frame, row, program)
     fate = Fate.DROP if frame.msgid in _UNANSWERED else Fate.REFUSE
@@ -136,8 +147,8 @@ class OnboardMatters:
     delegated: Callable[[str, float], bool]
     #: whether a guided target of the program of this name may be flown to
     target_passes: Callable[[Aim, str, float], bool]
-    #: whether the program of this name has payload authority
-    payload: Callable[[str], bool]
+    #: whether the program of this name has this kind of payload
+    payload: Callable[[PayloadKind, str], bool]
     #: the flight modes of the autopilot's firmware
     modes: Callable[[], Modes]
     #: whether the line to the autopilot has room for so many bytes at this time; if so, they count
@@ -184,7 +195,8 @@ class OnboardFilters:
         msgid = frame.msgid
         rate = self._rates.get(msgid)
         if rate is None:  # bounded by the messages that pass
-            rate = self._rates[msgid] = RateLimit(_most_hz(msgid), _BURST)
+            hz = _most_hz(msgid)
+            rate = self._rates[msgid] = RateLimit(hz, hz if msgid in _SAYS else _BURST)
         if rate.allow(now):
             return verdict
         fate = Fate.REFUSE if msgid in COMMAND_MESSAGES else Fate.DROP
@@ -201,7 +213,8 @@ class OnboardFilters:
         return verdict
 
     def _payload(self, frame: Frame, verdict: Verdict, _now: float) -> Verdict:
-        if is_payload(frame) and not self._matters.payload(self._program.name):
+        kind = payload_kind(frame)
+        if kind is not None and not self._matters.payload(kind, self._program.name):
             fate = Fate.DROP if verdict.access is Access.STREAM else Fate.REFUSE
             return verdict._replace(fate=fate, reason=GateReason.NOT_PAYLOADS)
         return verdict
@@ -229,7 +242,8 @@ class OnboardFilters:
         return verdict._replace(fate=fate, reason=reason)
 
 
-_BY_ID: Final = {msgid: sensor.most_hz for sensor in SENSORS.values() for msgid in message_ids(sensor.name)}
+_HZ: Final = {**{sensor.name: sensor.most_hz for sensor in SENSORS.values()}, **MANAGER_SAYS}
+_BY_ID: Final = {msgid: hz for name, hz in _HZ.items() for msgid in message_ids(name)}
 
 
 def _most_hz(msgid: int) -> float:

@@ -111,6 +111,14 @@ class PassedFrames:
             except Exception:
                 self._fault("frame that passed", traceback.format_exc(limit=-3))
 
+    def to_manager(self, port: Port, frame: Frame, verdict: Verdict, now: float) -> None:
+        """Note a frame that goes to a payload manager on board. It leaves nothing open at the autopilot."""
+        self.counts[port.sysid][verdict.reason] += 1
+        try:
+            self.downlink.asked(frame, port.sysid, now)
+        except Exception:
+            self._fault("frame that passed", traceback.format_exc(limit=-3))
+
     def _commander_sent(self, port: Port, frame: Frame, verdict: Verdict, at: float) -> None:
         self.questions.commander_sent(frame, at)
         if verdict.access is _STREAM:

@@ -279,6 +279,7 @@ _REASONS: Final[Mapping[GateReason, str]] = {
     GateReason.REHEARSAL: "a rehearsal is under way: nothing arms",
     GateReason.COMPONENT: "this component has no authority ('components' in [[station]])",
     GateReason.COMPANION_TARGET: "the companion takes none, ask the autopilot",
+    GateReason.MANAGER_TARGET: "no command of a camera, gimbal or winch. Send it to the autopilot",
 }
 
 

@@ -154,7 +154,9 @@ class _Trial:
             lambda _frame: False,
             lambda: ASSUMED.gate,
             None,
-            lambda: in_force.view.commander,
+            lambda _kind: in_force.view.commander,
+            frozenset(),
+            lambda *_: None,
         )
         self._gate = Gate(VEHICLE, self._ports, in_force, passed, self._to_autopilot, reports, matters)
 

@@ -22,6 +22,7 @@ from mavproxy_handover.core.common.model import Station
 from mavproxy_handover.core.safety.energy import EnergyModel, Wind
 from mavproxy_handover.mission.addresses import ADDRESSES_FILE, without_addresses
 from mavproxy_handover.mission.check_feeds import ground_lacks, places_lack
+from mavproxy_handover.mission.check_payload import far_payloads, idle_rules
 from mavproxy_handover.mission.check_words import (
     battery_words,
     handover_words,
@@ -173,7 +174,7 @@ def check(
         ("heights", _heights(package)),
         ("curves", _curves(package)),
         ("energy", () if energy is None else _energy(energy)),
-        ("payload", _payload(package)),
+        ("payload", _payload(package, simulation)),
         ("speed", _speed(package)),
         ("addresses", _addresses(package)),
         ("remote-id", _told(Severity.WARNING, places_lack(package))),
@@ -493,7 +494,9 @@ def _fence(package: MissionPackage, simulation: RouteSimulation) -> Iterator[Fin
             return
 
 
-def _payload(package: MissionPackage) -> Iterator[Finding]:
+def _payload(package: MissionPackage, simulation: RouteSimulation) -> Iterator[Finding]:
+    for text in (*far_payloads(package, simulation), *idle_rules(package)):
+        yield Finding(Severity.WARNING, text)
     payload_kg, released = package.energy.payload_kg, released_at(package.route)
     if payload_kg and released is None:
         yield Finding(Severity.WARNING, f"energy: no item of the route drops the payload of {payload_kg:g} kg")

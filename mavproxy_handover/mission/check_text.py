@@ -9,6 +9,7 @@ from math import isfinite
 
 from mavproxy_handover.mission.addresses import ADDRESSES_FILE
 from mavproxy_handover.mission.check import TRIES, CheckReport, Severity
+from mavproxy_handover.mission.check_payload import payload_words
 from mavproxy_handover.mission.check_words import battery_words, minutes_words, position_words
 from mavproxy_handover.mission.energy import Budget
 from mavproxy_handover.mission.package import MISSION_FILE, MissionPackage
@@ -127,6 +128,7 @@ def report_text(report: CheckReport) -> str:
         f"commanders  {' -> '.join(names[sysid] for sysid in simulation.commanders)}",
         f"energy      {_energy_line(report)}",
         *_wings_lines(report),
+        *(f"payload     {words}" for words in (payload_words(package),) if words),
         *_address_lines(package),
     ]
     if simulation.handovers:

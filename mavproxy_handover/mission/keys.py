@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""The keys of mission.toml, table by table. `package.py` and `gaps.py` read them.
+"""The keys of mission.toml, table by table. `package.py`, `gaps.py` and `payload.py` read them.
 
 [energy] is the same in the vehicle's file (`config/vehicle.py`). Its defaults are those for an aircraft of which only
 the battery and the power in hover are known (`core/safety/energy_prior.py`).
@@ -11,6 +11,7 @@ from __future__ import annotations
 from types import SimpleNamespace
 from typing import Final
 
+from mavproxy_handover.core.authority.payload import AT_HANDOVER, FLIGHT, REQUEST, PayloadKind
 from mavproxy_handover.core.safety.energy_prior import START_POLICIES, EnergySettings
 from mavproxy_handover.mission.leg import DEFAULT_CRUISE_MPS
 from mavproxy_handover.mission.wings import AS_IT_COMES
@@ -24,9 +25,11 @@ __all__ = [
     "MISSION",
     "MISSION_KEYS",
     "MOST_BATTERIES",
+    "PAYLOAD",
     "POLICY",
     "STATIONS",
     "WINGS",
+    "payload_keys",
 ]
 
 #: farther from the route, a rally point is more likely a mistake than a plan
@@ -170,6 +173,37 @@ GAP: Final = KeyTable(
     ),
     many=True,
 )
+_KINDS: Final = {
+    PayloadKind.GIMBAL: "the same for the gimbal alone",
+    PayloadKind.CAMERA: "the same for the camera alone",
+    PayloadKind.WINCH: "the same for winch, gripper, sprayer and lights alone",
+}
+
+
+def payload_keys(names: str) -> tuple[Key, ...]:
+    """The keys of `[payload]`. `names`: who may be named, for people."""
+    return (
+        text(
+            "control",
+            f"{FLIGHT}: the commander's; {REQUEST}: the commander's until a station asks for it; or the name of "
+            f"{names}",
+            example=FLIGHT,
+        ),
+        *(text(kind.value, f"{says}, and goes before control", example=REQUEST) for kind, says in _KINDS.items()),
+        word(
+            "at_handover",
+            AT_HANDOVER,
+            f"with {REQUEST}: whether a station that asked for it loses it when the aircraft gets another commander",
+        ),
+    )
+
+
+PAYLOAD: Final = KeyTable(
+    "payload",
+    payload_keys("a station of this mission"),
+    f"Payload authority: goes before [payload] of the vehicle's file. Without both, {FLIGHT} and {AT_HANDOVER[0]}.",
+)
+
 MISSION: Final = KeyTable(
     "",
     (
@@ -245,9 +279,10 @@ MISSION: Final = KeyTable(
         Key("policy", dict, "the table [policy]"),
         Key("energy", dict, "the table [energy]: as in the vehicle's configuration, and goes before it"),
         Key("wings", dict, "the table [wings]: how an aircraft with wings turns, as its autopilot is set"),
+        Key("payload", dict, "the table [payload]: which station has gimbal, camera and winch"),
         Key("gap", list, "one table [[gap]] for each gap in coverage that the mission means to cross"),
     ),
 )
 
 #: in the order of the reference
-MISSION_KEYS: Final = (MISSION, STATIONS, POLICY, WINGS, GAP, ENERGY)
+MISSION_KEYS: Final = (MISSION, STATIONS, POLICY, PAYLOAD, WINGS, GAP, ENERGY)

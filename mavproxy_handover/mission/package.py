@@ -26,6 +26,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from types import MappingProxyType
 
+from mavproxy_handover.core.authority.payload import PayloadRules
 from mavproxy_handover.core.safety.energy import Wind
 from mavproxy_handover.core.safety.energy_prior import EnergySettings
 from mavproxy_handover.mission.addresses import ADDRESSES_FILE, read_addresses
@@ -38,6 +39,7 @@ from mavproxy_handover.mission.jumps import jumps
 from mavproxy_handover.mission.keys import DEFAULT_RALLY_REACH_M, ENERGY, MISSION, POLICY, STATIONS, WINGS
 from mavproxy_handover.mission.path import Path as FlownPath
 from mavproxy_handover.mission.path import path_of
+from mavproxy_handover.mission.payload import read_payload
 from mavproxy_handover.mission.plan import FencePart, Route, first_in_air, on_ground, read_route
 from mavproxy_handover.mission.returns import with_return
 from mavproxy_handover.mission.route_simulation import (
@@ -137,6 +139,8 @@ class MissionPackage:
     delivery_waypoint: int | None
     #: the [policy] table: what the mission decides about emergencies, before the vehicle's own configuration
     policies: Mapping[str, str]
+    #: the [payload] table: which station has gimbal, camera and winch, before the vehicle's own configuration
+    payload: PayloadRules
     #: gaps in coverage that the mission means to cross
     gaps: tuple[DeclaredGap, ...]
     #: the [energy] table: what the aircraft draws and holds, before the vehicle's own configuration
@@ -406,6 +410,8 @@ def _build(texts: Mapping[str, str]) -> MissionPackage:
     rally_reach_m = faults.get(lambda: where.of_key(MISSION["rally_reach_m"], reach))
     policies = faults.get(lambda: _policies(where, mission.get("policy", {})))
     energy = faults.get(lambda: _energy(where, mission.get("energy", {})))
+    named_stations = tuple(station.name for station in stations or ())
+    payload = faults.get(lambda: read_payload(where, mission.get("payload", {}), named_stations))
     wings = faults.get(lambda: _wings(where, mission.get("wings"), profile))
     terrain = faults.get(lambda: _terrain(mission.get("terrain"), texts))
     route = faults.get(lambda: _route(where, mission, texts, profile, detector))
@@ -417,6 +423,7 @@ def _build(texts: Mapping[str, str]) -> MissionPackage:
     assert stations is not None
     assert policies is not None
     assert energy is not None
+    assert payload is not None
     assert wings is not None
     assert route is not None
     route = replace(route, wings=wings, ground=relief_of(terrain, route.home))
@@ -441,6 +448,7 @@ def _build(texts: Mapping[str, str]) -> MissionPackage:
         cruise_speed_named="cruise_speed_mps" in mission or route.cruise_speed_mps is not None,
         delivery_waypoint=_delivery(where, mission.get("delivery_waypoint"), route),
         policies=policies,
+        payload=payload,
         gaps=read_gaps(where, mission.get("gap", []), {each.name: each.sysid for each in stations}, route),
         energy=energy.over(_flown_at(speed_mps)) if profile.energy.holds_airspeed else energy,
         terrain=terrain,

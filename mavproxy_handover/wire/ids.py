@@ -37,6 +37,7 @@ __all__ = [
     "NOT_IN_CONTROL",
     "OPERATOR_CONTROL",
     "OUR_MESSAGES",
+    "PAYLOAD_COMPIDS",
     "PROBE_COMPID",
     "RATES_COMPID",
     "AVAILABLE_MODES",
@@ -56,6 +57,12 @@ COMPANION_COMPID: Final[int] = mavlink.MAV_COMP_ID_ONBOARD_COMPUTER
 #: component that sends the messages of `handover.xml`. A program that does not know them does not count them, and would
 #: see gaps in the companion's numbers
 LANGUAGE_COMPID: Final[int] = mavlink.MAV_COMP_ID_PAIRING_MANAGER
+#: the component of each kind of payload that answers requests of authority over it, and says which station has it
+PAYLOAD_COMPIDS: Final[dict[str, int]] = {
+    "gimbal": mavlink.MAV_COMP_ID_GIMBAL,
+    "camera": mavlink.MAV_COMP_ID_CAMERA,
+    "winch": mavlink.MAV_COMP_ID_WINCH,
+}
 #: component that sends link probes (see `link/timesync.py`)
 PROBE_COMPID: Final[int] = mavlink.MAV_COMP_ID_UDP_BRIDGE
 #: component with which the companion asks the autopilot for rates. MAVProxy prints every COMMAND_ACK except those to

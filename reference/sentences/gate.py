@@ -71,7 +71,12 @@ _WHY: Final = (
     _warn(
         "another has payload authority",
         "Gimbal, camera and winch are another station's, or an onboard program's.",
-        "Type 'handover payload request', where the vehicle's file allows that.",
+        "Type 'handover payload request', where the mission or the vehicle's file allows that.",
+    ),
+    _warn(
+        "no command of a camera, gimbal or winch. Send it to the autopilot",
+        "It was addressed to a payload manager on board, which takes commands of the payload only.",
+        "Address it to component 1.",
     ),
     _warn("{station} commands", "Another station has authority.", "Request control at this station."),
     _warn("{station} commands (request control)", "Another station has authority.", "Request control by your program."),

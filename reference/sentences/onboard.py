@@ -97,12 +97,14 @@ _SENTENCES: Final = (
 
 _REQUESTS: Final = (
     Sentence(
-        "{station} has payload authority",
+        "{station} has payload authority: {payload_kinds}",
         _ADVISORY,
-        "Gimbal, camera and winch are commanded by this station or onboard program now.",
+        "This part of the payload is commanded by this station or onboard program now.",
     ),
     Sentence(
-        "no station has payload authority", _ADVISORY, "Flight authority has no station, and the payload with it."
+        "no station has payload authority: {payload_kinds}",
+        _ADVISORY,
+        "No station has flight authority, nor this part of the payload with it.",
     ),
     _warn(
         "PAYLOAD refused: {payload_need}",
@@ -180,19 +182,20 @@ _WHY: Final = (
 
 _PAYLOAD: Final = (
     _warn(
-        "payload authority is that of flight by the vehicle's file",
-        "Gimbal, camera and winch are the commander's.",
+        "{payload_kind} authority is that of flight by the {payload_file}",
+        "This part of the payload is the commander's.",
         "Ask for control of the aircraft.",
     ),
     _warn(
-        "payload authority is {name} by the vehicle's file", "The file gives it to a station or to an onboard program."
+        "{payload_kind} authority is {station}'s by the {payload_file}",
+        "The mission, else the vehicle's file, gives it to a station or to an onboard program.",
     ),
     _warn(
-        "{station} has it; it must release it first",
+        "{station} has {payload_kind} authority; it must release it first",
         "Another station asked for the payload before.",
         "Ask its operator to release it.",
     ),
-    _warn("it has no payload authority that was requested", "This station gives back what it does not have."),
+    _warn("it has no {payload_kind} authority that was requested", "This station gives back what it does not have."),
 )
 
 GROUPS: Final = (

@@ -7,10 +7,11 @@ Everything that drives the whole gate drives it through this: nothing of it is p
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from math import inf
 from typing import NamedTuple
 
+from mavproxy_handover.core.authority.payload import PayloadKind
 from mavproxy_handover.core.common.model import AuthorityView
 from mavproxy_handover.core.feeds import FeedSettings
 from mavproxy_handover.gate.client_capabilities import ClientCapabilities
@@ -81,8 +82,9 @@ class Door:
         to_autopilot: Callable[[bytes], None] | None = None,
         feeds: FeedSettings | None = None,
         budget: LineBudget | None = None,
+        managers: Collection[int] = (),
     ) -> None:
-        """`to_autopilot` takes what passes instead of `passed`."""
+        """`to_autopilot` takes what passes instead of `passed`. `managers`: components of payload managers on board."""
         self.ports = {station.sysid: Port(station) for station in stations}
         self.passed: list[bytes] = []
         self.faults: list[str] = []
@@ -110,13 +112,24 @@ class Door:
         self.takes_over: Callable[[Frame], bool] = lambda _frame: False
         #: the station that has payload authority; None: the commander
         self.payload: int | None = None
+        #: what went to payload managers on board
+        self.to_managers: list[bytes] = []
         #: what of the commander passed or was carried out, as an end of a delegation
         self.commanded: list[Frame] = []
         matters = CompanionMatters(
-            self._passes, self._allows, self._carries_out, lambda: self.modes, self._commander_sends, self._payload
+            self._passes,
+            self._allows,
+            self._carries_out,
+            lambda: self.modes,
+            self._commander_sends,
+            self._payload,
+            frozenset(managers),
+            lambda frame, _now: self.to_managers.append(frame.raw),
         )
         in_force = AuthorityInForce()
-        self.settings = GateSettings(feeds=feeds or FeedSettings(), budget=budget or LineBudget())
+        self.settings = GateSettings(
+            feeds=feeds or FeedSettings(), onboard=tuple(managers), budget=budget or LineBudget()
+        )
         self.frames = PassedFrames(VEHICLE, self.ports, self.settings, in_force, pass_on, reports.fault)
         self.gate = Gate(VEHICLE, self.ports, in_force, self.frames, pass_on, reports, matters)
 
@@ -131,7 +144,7 @@ class Door:
         if verdict.fate in (Fate.FORWARD, Fate.CONSUME):
             self.commanded.append(frame)
 
-    def _payload(self) -> int | None:
+    def _payload(self, _kind: PayloadKind) -> int | None:
         return self.gate.view.commander if self.payload is None else self.payload
 
     def _carries_out(self, frame: Frame) -> bool:

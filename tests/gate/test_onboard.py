@@ -44,6 +44,14 @@ PAYLOAD_COMMANDS = {
     "VIDEO_STOP_STREAMING", "DO_GIMBAL_MANAGER_PITCHYAW", "DO_GIMBAL_MANAGER_CONFIGURE", "DO_WINCH", "DO_GRIPPER",
     "DO_SPRAYER", "ILLUMINATOR_ON_OFF", "DO_ILLUMINATOR_CONFIGURE",
 }  # fmt: skip
+#: what a payload manager tells the stations
+SAYS = {
+    "COMMAND_ACK", "PARAM_EXT_VALUE", "PARAM_EXT_ACK", "PARAM_ERROR", "CAMERA_INFORMATION", "CAMERA_SETTINGS",
+    "CAMERA_CAPTURE_STATUS", "CAMERA_FOV_STATUS", "CAMERA_THERMAL_RANGE", "STORAGE_INFORMATION",
+    "VIDEO_STREAM_INFORMATION", "VIDEO_STREAM_STATUS", "CAMERA_IMAGE_CAPTURED", "CAMERA_TRACKING_IMAGE_STATUS",
+    "CAMERA_TRACKING_GEO_STATUS", "GIMBAL_MANAGER_INFORMATION", "GIMBAL_MANAGER_STATUS", "GIMBAL_DEVICE_INFORMATION",
+    "GIMBAL_DEVICE_ATTITUDE_STATUS", "WINCH_STATUS",
+}  # fmt: skip
 COMMANDS = ("COMMAND_LONG", "COMMAND_INT")
 COMMAND_NAMES = {number: entry.name.removeprefix("MAV_CMD_") for number, entry in mavlink.enums["MAV_CMD"].items()}
 #: what no right may ever contain
@@ -69,6 +77,8 @@ def may_pass(name: str, command: int | None, rights: frozenset[Right], sensors: 
         return Right.SENSORS in rights and name in sensors
     if name in GUIDED:
         return Right.GUIDED in rights
+    if name in SAYS:
+        return Right.MANAGER in rights
     return Right.PAYLOAD in rights and name in PAYLOAD
 
 
@@ -171,7 +181,7 @@ class Matters:
         return OnboardMatters(
             lambda _name, _now: self.delegated,
             self._target,
-            lambda _name: self.payload,
+            lambda _kind, _name: self.payload,
             lambda: COPTER.gate,
             self._has_room,
             lambda _frame, within_m, _now: self.landing.get(within_m, GateReason.ALLOWED),

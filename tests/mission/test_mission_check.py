@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import re
 import shutil
 import sys
 from dataclasses import replace
@@ -51,6 +52,30 @@ def test_sound_mission_has_nothing_worse_than_infos(small):
     assert [(f.severity, f.text) for f in report.findings] == [
         (Severity.INFO, "home or a rally point is never farther than 167 m (on the way to 2)")
     ]
+
+
+def test_a_payload_of_a_station_that_the_route_leaves_is_a_warning(small):
+    small.toml += '[payload]\ncamera = "B"\ngimbal = "flight"\n'
+    (text,) = warnings(small)
+    assert re.fullmatch(
+        r"payload: the camera belongs to B, and \d+ % of the route is outside its zone, first on the way to item 1\. "
+        r"No other station can work it there",
+        text,
+    )
+    lines = report_text(check(load(small.write()))).splitlines()
+    assert "payload     gimbal: the commander's; camera: that of B" in lines
+    move_zones(small, (10.0, 10.006), (10.0, 10.006))
+    assert [line for line in warnings(small) if line.startswith("payload")] == []
+
+
+def test_a_rule_of_the_payload_without_effect_is_a_warning(small):
+    small.toml += '[payload]\ncontrol = "flight"\nat_handover = "keep"\n'
+    assert warnings(small) == [
+        "payload: at_handover in mission.toml has no effect, because no station may ask for a payload. Remove it, or "
+        "write 'request' for a kind"
+    ]
+    small.toml = small.toml.replace('"flight"', '"request"')
+    assert warnings(small) == []
 
 
 def test_a_speed_that_nobody_names_is_a_warning(small):

@@ -15,6 +15,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from mavproxy_handover.core.authority.payload import PayloadKind, PayloadRules
 from mavproxy_handover.mission import MissionError, MissionPackage, StationEntry, from_bytes, load
 from mavproxy_handover.mission import package as mission_package
 from mavproxy_handover.mission.package import MAX_PACKED_BYTES
@@ -175,7 +176,7 @@ def test_refuses_unknown_keys_and_suggests_the_right_one(small):
     assert refusal(small) == (
         "mission.toml: unknown key 'expected_handover', did you mean 'expected_handovers'? (allowed: name, description,"
         " aircraft, detector, route, zones, terrain, corridor_m, endless_jump, expected_handovers,"
-        " rally_reach_m, cruise_speed_mps, delivery_waypoint, stations, policy, energy, wings, gap)"
+        " rally_reach_m, cruise_speed_mps, delivery_waypoint, stations, policy, energy, wings, payload, gap)"
     )
 
 
@@ -247,6 +248,35 @@ def test_refuses_unknown_policies(small):
 def test_refuses_an_unknown_word_of_a_policy(small):
     small.toml += '[policy]\non_out_of_coverage = "rtl"\n'
     assert refusal(small) == ("mission.toml: [policy]: on_out_of_coverage is 'rtl' (allowed: return, land, warn)")
+
+
+@pytest.mark.parametrize(
+    ("text", "problem"),
+    [
+        ('gimbal = "GCSX"', "gimbal is 'GCSX' (allowed: flight, request, A, B)"),
+        ("camera = 252", "camera is 252 (allowed: flight, request, A, B)"),
+        ('control = ""', "control is '' (allowed: flight, request, A, B)"),
+        ('at_handover = "give"', "at_handover is 'give' (allowed: release, keep)"),
+        (
+            'gimbl = "A"',
+            "unknown key 'gimbl', did you mean 'gimbal'? (allowed: control, gimbal, camera, winch, at_handover)",
+        ),
+    ],
+)
+def test_refuses_what_is_wrong_with_the_payload(small, text, problem):
+    small.toml += f"[payload]\n{text}\n"
+    assert refusal(small) == f"mission.toml: [payload]: {problem}"
+
+
+def test_the_payload_travels_with_the_package_and_an_older_package_says_nothing_of_it(small):
+    older = load(small.write())
+    assert older.payload == PayloadRules()
+    small.toml += '[payload]\ncontrol = "request"\ncamera = "B"\nat_handover = "keep"\n'
+    package = load(small.write())
+    assert package.digest != older.digest
+    read = from_bytes(package.to_bytes())
+    assert read.payload == PayloadRules("request", "keep", {PayloadKind.CAMERA: "B"})
+    assert from_bytes(older.to_bytes()).digest == older.digest
 
 
 def test_refuses_a_speed_of_zero(small):

@@ -466,7 +466,7 @@ def test_a_station_asks_for_the_payload_and_flies_nothing_by_it(bench: Bench, de
     bench.wait(0.5)
     ack = bench.b.received.got("COMMAND_ACK")[-1]
     assert (ack.get_srcComponent(), ack.command, ack.result) == (154, request, mavlink.MAV_RESULT_ACCEPTED)
-    assert "GCSB has payload authority" in bench.a.texts()
+    assert "GCSB has payload authority: gimbal" in bench.a.texts()
     bench.b.command(pitch, -30)
     bench.a.command(pitch, -90)
     bench.b.command(mavlink.MAV_CMD_NAV_LAND)
@@ -478,7 +478,7 @@ def test_a_station_asks_for_the_payload_and_flies_nothing_by_it(bench: Bench, de
     assert (status[-1].gcs_main, status[-1].flags) == (252, 0)
     bench.a.send(mavlink.MAVLink_command_long_message(1, 154, request, 0, 1, 0, 10, 251, 0, 0, 0))
     bench.wait(0.5)
-    assert "GCSA has payload authority" in bench.b.texts()
+    assert "GCSA has payload authority: gimbal" in bench.b.texts()
     assert bench.companion.view.commander == 251
 
 
@@ -525,7 +525,7 @@ def test_who_asks_for_the_payload_again_and_again_is_not_told_to_all(bench: Benc
         bench.b.send(mavlink.MAVLink_command_long_message(1, 154, request, 0, wish, 0, 10, 252, 0, 0, 0))
         bench.run(0.05)
     assert bench.a.texts().count("has payload authority") == 4
-    assert len(bench.a.received.got("CONTROL_STATUS")) < 20
+    assert len([m for m in bench.a.received.got("CONTROL_STATUS") if m.get_srcComponent() == 154]) < 20
     acks = [ack.result for ack in bench.b.received.got("COMMAND_ACK") if ack.command == request]
     assert acks.count(mavlink.MAV_RESULT_ACCEPTED) == 4
     assert acks.count(mavlink.MAV_RESULT_TEMPORARILY_REJECTED) == len(wishes) - 4
@@ -534,3 +534,94 @@ def test_who_asks_for_the_payload_again_and_again_is_not_told_to_all(bench: Benc
     bench.b.send(mavlink.MAVLink_command_long_message(1, 154, request, 0, 1, 0, 10, 252, 0, 0, 0))
     bench.wait(0.5)
     assert bench.b.received.got("COMMAND_ACK")[-1].result == mavlink.MAV_RESULT_ACCEPTED
+
+
+# ---- payload managers ---------------------------------------------------------------------------------------------
+
+
+class Camera(Program):
+    """A camera manager on board."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.own = mavlink.MAVLink(None, srcSystem=1, srcComponent=100)
+
+    def beat(self) -> None:
+        kind, autopilot = mavlink.MAV_TYPE_CAMERA, mavlink.MAV_AUTOPILOT_INVALID
+        self.send(mavlink.MAVLink_heartbeat_message(kind, autopilot, 0, 0, 4, 3))
+
+
+@pytest.fixture
+def camera(bench: Bench) -> Iterator[Camera]:
+    camera = Camera()
+    bench.config.write_text(
+        bench.config.read_text()
+        + f"""
+            [[onboard]]
+            name = "cam"
+            link = "udpin:127.0.0.1:{camera.port}"
+            component = 100
+            rights = ["manager"]
+
+            [payload]
+            camera = "GCSB"
+            """
+    )
+    yield camera
+    camera.socket.close()
+
+
+def to_camera(command: int, *parameters: float) -> Any:
+    return mavlink.MAVLink_command_long_message(1, 100, command, 0, *parameters, *[0.0] * (7 - len(parameters)))
+
+
+def commands_of(camera: Camera) -> list[tuple[int, int]]:
+    return [(m.get_srcSystem(), m.command) for m in camera.got("COMMAND_LONG")]
+
+
+def test_stations_hear_a_camera_on_board_and_command_it(bench: Bench, camera: Camera, delivery: MissionPackage) -> None:
+    take_off(bench, delivery)
+    camera.beat()
+    bench.wait(0.5)
+    beats = [m for m in bench.b.received.got("HEARTBEAT") if m.get_srcComponent() == 100]
+    assert [beat.type for beat in beats] == [mavlink.MAV_TYPE_CAMERA]
+    bench.b.send(to_camera(mavlink.MAV_CMD_IMAGE_START_CAPTURE, 0, 0, 1))
+    bench.a.send(to_camera(mavlink.MAV_CMD_IMAGE_START_CAPTURE, 0, 0, 1))
+    bench.a.send(to_camera(mavlink.MAV_CMD_REQUEST_MESSAGE, 259))
+    bench.a.send(to_camera(mavlink.MAV_CMD_NAV_LAND))
+    bench.wait(0.5)
+    wanted = [(252, mavlink.MAV_CMD_IMAGE_START_CAPTURE), (251, mavlink.MAV_CMD_REQUEST_MESSAGE)]
+    assert sorted(commands_of(camera)) == sorted(wanted)
+    to_autopilot = [m for m in bench.autopilot.received if getattr(m, "target_component", 0) == 100]
+    assert to_autopilot == []
+    acks = {ack.command: (ack.get_srcComponent(), ack.result) for ack in bench.a.received.got("COMMAND_ACK")}
+    assert acks[mavlink.MAV_CMD_IMAGE_START_CAPTURE][0] == 100
+    assert acks[mavlink.MAV_CMD_NAV_LAND] == (100, mavlink.MAV_RESULT_UNSUPPORTED)
+    assert "no command of a camera, gimbal or winch" in bench.a.texts()
+    camera.send(mavlink.MAVLink_command_ack_message(mavlink.MAV_CMD_IMAGE_START_CAPTURE, 0, 0, 0, 252, 190))
+    camera.send(mavlink.MAVLink_camera_image_captured_message(0, 0, 1, 0, 0, 0, 0, [1, 0, 0, 0], 0, 1, b""))
+    bench.wait(0.5)
+    mine = [ack for ack in bench.b.received.got("COMMAND_ACK") if ack.get_srcComponent() == 100]
+    assert [(ack.command, ack.result) for ack in mine] == [(mavlink.MAV_CMD_IMAGE_START_CAPTURE, 0)]
+    assert bench.a.received.got("CAMERA_IMAGE_CAPTURED")
+    assert bench.b.received.got("CAMERA_IMAGE_CAPTURED"), "the station that has the camera"
+
+
+def test_a_camera_whose_link_has_a_fault_costs_nothing_else(
+    bench: Bench, camera: Camera, delivery: MissionPackage, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    take_off(bench, delivery)
+    bench.breaks = True
+    (port,) = bench.companion.onboard.ports
+    monkeypatch.setattr(port, "write", lambda _raw: 1 / 0)
+    bench.b.send(to_camera(mavlink.MAV_CMD_IMAGE_START_CAPTURE, 0, 0, 1))
+    bench.wait(0.5)
+    assert port.dropped
+    assert "Link of cam closed after an internal fault" in bench.a.texts()
+    before = len(bench.autopilot.received)
+    bench.b.send(to_camera(mavlink.MAV_CMD_IMAGE_START_CAPTURE, 0, 0, 1))
+    bench.run(1.0)
+    late = bench.autopilot.received[before:]
+    assert [m for m in late if getattr(m, "target_component", 0) == 100] == [], "the autopilot does not get it instead"
+    assert len([m for m in late if m.get_type() == "TUNNEL"]) >= 4
+    assert bench.companion.view.commander == 251

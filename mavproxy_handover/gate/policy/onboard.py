@@ -27,6 +27,7 @@ class Right(Enum):
     SENSORS = "sensors"
     PAYLOAD = "payload"
     GUIDED = "guided"
+    MANAGER = "manager"
 
 
 class Moves(Enum):

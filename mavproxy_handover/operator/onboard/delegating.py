@@ -30,7 +30,7 @@ from mavproxy_handover.gate.in_force import AuthorityInForce
 from mavproxy_handover.gate.intent import TARGET_MESSAGES
 from mavproxy_handover.gate.judge import Fate, Verdict
 from mavproxy_handover.gate.policy.access import Access
-from mavproxy_handover.gate.policy.payload import is_payload
+from mavproxy_handover.gate.policy.payload import payload_kind
 from mavproxy_handover.operator.base.context import Reports
 from mavproxy_handover.operator.onboard.port import OnboardPort
 from mavproxy_handover.tools.schedule import attempt
@@ -153,7 +153,7 @@ class Delegating:
         if verdict.fate not in (Fate.FORWARD, Fate.CONSUME) or not self._programs:
             return
         streams = verdict.access is Access.STREAM
-        if (streams and not self._rules.program) or is_payload(frame):
+        if (streams and not self._rules.program) or payload_kind(frame) is not None:
             return
         leads = streams and frame.msgid in TARGET_MESSAGES
         if not streams:

@@ -9,7 +9,7 @@ says when a program is heard, and when it is silent for `_SILENT_S`.
 from __future__ import annotations
 
 import traceback
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Iterable
 from dataclasses import dataclass
 from functools import partial
 from typing import Final
@@ -18,8 +18,8 @@ from pymavlink.dialects.v20 import handover as mavlink
 
 from mavproxy_handover.gate.downlink import stays_aboard
 from mavproxy_handover.gate.judge import Fate, GateReason, Verdict
-from mavproxy_handover.gate.onboard import OnboardFilters, OnboardMatters, judge_onboard
-from mavproxy_handover.gate.policy.onboard import GUIDED
+from mavproxy_handover.gate.onboard import OnboardFilters, OnboardMatters, judge_onboard, says
+from mavproxy_handover.gate.policy.onboard import GUIDED, Right
 from mavproxy_handover.gate.refusal_text import called, subject_of, unsaid
 from mavproxy_handover.gate.refusals import OncePerCause, RefusalLimiter, refusal
 from mavproxy_handover.operator.base.context import Reports
@@ -34,7 +34,10 @@ __all__ = ["OnboardPrograms", "OnboardSurroundings"]
 _TOLD_S: Final = 60.0
 #: a program that has sent nothing for this long (s) is silent; its heartbeat comes once a second
 _SILENT_S: Final = 5.0
+_HEARTBEAT: Final = mavlink.MAVLINK_MSG_ID_HEARTBEAT
 _GUIDED: Final = message_ids(*GUIDED)
+#: what the autopilot needs of a camera, to carry out camera items of a mission by it (CAM1_TYPE 6)
+_FOR_AUTOPILOT: Final = message_ids("CAMERA_INFORMATION")
 _WHY: Final = {
     GateReason.NO_RIGHT: "its rights in [[onboard]] do not have it",
     GateReason.NOT_DELEGATED: "no targets are delegated. The commander types 'handover delegate {name}' in GUIDED",
@@ -62,6 +65,8 @@ class OnboardSurroundings:
     matters: OnboardMatters
     #: writes a whole frame to the autopilot
     to_autopilot: Callable[[bytes], None]
+    #: gives what a payload manager says to the stations
+    to_stations: Callable[[Frame, float], None]
     #: a guided target of the program of this name went to the autopilot
     target_passed: Callable[[str, float], None]
     #: the link of the program of this name was closed after a fault
@@ -78,6 +83,9 @@ class OnboardPrograms:
         self._vehicle = vehicle
         self._around = around
         self._reports = reports
+        self._by_component = {port.rights.component: port for port in self.ports}
+        #: the components of the payload managers
+        self.managers = managers_of(self.ports)
         self._filters = {port.name: OnboardFilters(port.rights, around.matters) for port in self.ports}
         self._answers = RefusalLimiter()
         self._words = OncePerCause(_TOLD_S)
@@ -101,11 +109,32 @@ class OnboardPrograms:
         verdict = self._filters[port.name].limit(frame, verdict, now)
         port.counts[verdict.reason] += 1
         if verdict.fate is Fate.FORWARD:
-            self._around.to_autopilot(frame.raw)
-            if frame.msgid in _GUIDED:
-                self._around.target_passed(port.name, now)
+            self._pass_on(port, frame, now)
         elif not _beats_as_second(port, frame, verdict, now):
             self._refused(port, frame, verdict, now)
+
+    def _pass_on(self, port: OnboardPort, frame: Frame, now: float) -> None:
+        """Send a frame of a program where it belongs: to another program, to the stations, or to the autopilot."""
+        aim, told = target(frame), says(frame, port.rights)
+        component = 0 if aim is None or aim[0] not in (0, self._vehicle) else aim[1]
+        if component in self.managers or (told and component):
+            other = self._by_component.get(component)
+            if other is not None:  # what a manager answers to the autopilot is of no use there
+                self._write(other, frame.raw, now)
+            return
+        if told or (frame.msgid == _HEARTBEAT and port.rights.component in self.managers):
+            self._around.to_stations(frame, now)
+            self._tell(frame, now, port)
+        if not told or frame.msgid in _FOR_AUTOPILOT:
+            self._around.to_autopilot(frame.raw)
+        if frame.msgid in _GUIDED:
+            self._around.target_passed(port.name, now)
+
+    def to_manager(self, frame: Frame, now: float) -> None:
+        """A frame of a station for a payload manager."""
+        aim = target(frame)
+        if aim is not None:
+            self._write(self._by_component[aim[1]], frame.raw, now)
 
     def _refused(self, port: OnboardPort, frame: Frame, verdict: Verdict, now: float) -> None:
         component = port.rights.component
@@ -169,15 +198,23 @@ class OnboardPrograms:
         """
         if not self.ports or frame.msgid in OUR_MESSAGES:
             return
+        if not stays_aboard(frame, None, ()):  # lease and guard status
+            self._tell(frame, now)
+
+    def _tell(self, frame: Frame, now: float, sender: OnboardPort | None = None) -> None:
+        """Send a frame to the programs that may hear it, but not to its sender."""
         aim = target(frame)
-        if stays_aboard(frame, None, ()):  # lease and guard status
-            return
         for port in self.ports:
-            if not port.dropped and _hears(port, aim, self._vehicle):
-                try:
-                    port.write(frame.raw)
-                except Exception:
-                    self._drop(port, traceback.format_exc(limit=-3), now)
+            if port is not sender and _hears(port, aim, self._vehicle):
+                self._write(port, frame.raw, now)
+
+    def _write(self, port: OnboardPort, raw: bytes, now: float) -> None:
+        if port.dropped:
+            return
+        try:
+            port.write(raw)
+        except Exception:
+            self._drop(port, traceback.format_exc(limit=-3), now)
 
     def close(self) -> None:
         """Close every link."""
@@ -196,6 +233,11 @@ def _hears(port: OnboardPort, aim: tuple[int, int] | None, vehicle: int) -> bool
     if aim is None or aim == (0, 0):
         return True
     return aim[0] in (0, vehicle) and aim[1] in (0, port.rights.component)
+
+
+def managers_of(ports: Iterable[OnboardPort]) -> frozenset[int]:
+    """The components of the programs that are payload managers."""
+    return frozenset(port.rights.component for port in ports if Right.MANAGER in port.rights.rights)
 
 
 def _unchanged(result: int) -> int:

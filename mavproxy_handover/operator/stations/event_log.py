@@ -359,9 +359,9 @@ class EventLog:
         if self._has_room(station, now):
             self._journal.write("told", text, station=station)
 
-    def payload(self, holder: str, text: str) -> None:
+    def payload(self, holder: str, kinds: list[str], text: str) -> None:
         """Payload authority has moved; `holder`: a station or an onboard program, "" for none."""
-        self._write_and_tell("payload", text, holder=holder or None)
+        self._write_and_tell("payload", text, holder=holder or None, kinds=kinds)
 
     def onboard(self, program: str, text: str, **values: Any) -> None:
         """What concerns an onboard program: its link, and what is delegated to it."""
