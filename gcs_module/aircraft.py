@@ -203,7 +203,10 @@ class Aircraft:
                 self._on_ours(frame)
         elif frame.msgid == mavlink.MAVLINK_MSG_ID_CONTROL_STATUS:
             if self._is_proven(frame):
-                self._on_control(control_status(frame))
+                heard = control_status(frame)
+                if heard is not None and not heard.manager:
+                    self.state.on_payload(frame.compid, heard.main, self._now())
+                self._on_control(heard)
         elif frame.msgid in (mavlink.MAVLINK_MSG_ID_COMMAND_LONG, mavlink.MAVLINK_MSG_ID_COMMAND_INT):
             self._on_control(control_asked(frame, self.config.station.sysid))
         elif frame.compid == COMPANION_COMPID:

@@ -21,6 +21,7 @@ from gcs_module.event_log import FlightEventLog
 from gcs_module.events import AskManager
 from gcs_module.mission_transfer import MissionTransfer
 from gcs_module.route_watch import StationRouteWatch
+from gcs_module.served_program import UNANSWERED
 from gcs_module.standard_control import NOT_IN_STANDARD
 from gcs_module.vehicle_addresses import VehicleAddresses
 from gcs_module.vehicle_connection import VehicleConnection
@@ -37,6 +38,7 @@ from mavproxy_handover.wire.ids import (
     LIMITS,
     MISSION_START,
     OPERATOR_CONTROL,
+    PAYLOAD_COMPIDS,
 )
 
 __all__ = ["OF_STATION", "StationCommands"]
@@ -50,6 +52,8 @@ _REHEARSAL: Final = ("end", "report")
 #: words of payload authority, and the time-out in the request, which is answered at once
 _PAYLOAD: Final = ("request", "release")
 _PAYLOAD_S: Final = 10.0
+#: the most words of commands with more than one argument
+_WORDS: Final = {"payload": 3}
 #: word that ends a delegation, and the longest name of a program
 _NO_PROGRAM: Final = "no"
 _PROGRAM_BYTES: Final = 20
@@ -64,7 +68,11 @@ _WHY_S = 0.4
 
 
 #: the companion's names for a refused command, if they differ from the operator's
-_SAID: Final = {"RESUME": ("AUTO", "mode AUTO"), "RETURN": ("RTL",)}
+_SAID: Final = {
+    "RESUME": ("AUTO", "mode AUTO"),
+    "RETURN": ("RTL",),
+    **{f"PAYLOAD {kind}": ("PAYLOAD",) for kind in PAYLOAD_COMPIDS},
+}
 
 
 #: a release in flight is meant if it is typed twice within this time (s)
@@ -85,6 +93,8 @@ class Host(Protocol):
     sysid: int
     of: str
     core: StationCore
+    #: nothing is answered now, because the served program is silent
+    mute: bool
     state: VehicleState
     connection: VehicleConnection
     mission_transfer: MissionTransfer
@@ -170,7 +180,8 @@ class StationCommands:
                 self._delegate,
             ),
             "payload": (
-                "request|release: gimbal, camera and winch, where the vehicle's file allows that",
+                "request|release [gimbal|camera|winch]: have all of the payload or this part of it, where the mission "
+                "or the vehicle's file allows that",
                 self._payload,
             ),
             "rehearse": ("end|report: of the rehearsal", self._of_rehearsal),
@@ -194,7 +205,7 @@ class StationCommands:
             f"give <{peers}>",
             f"override <{limits}>",
             "delegate <no>",
-            f"payload <{'|'.join(_PAYLOAD)}>",
+            f"payload <{'|'.join(_PAYLOAD)}> <{'|'.join(PAYLOAD_COMPIDS)}>",
             f"rehearse <{'|'.join(_REHEARSAL)}>",
             "connect <no>",
             "take",
@@ -219,8 +230,8 @@ class StationCommands:
         if len(args) == 1 and args[0] in self._table:
             self._table[args[0]][1]()
             return
-        if len(args) == 2 and args[0] in self._named:
-            self._named[args[0]][1](args[1])
+        if args and args[0] in self._named and 2 <= len(args) <= _WORDS.get(args[0], 2):
+            self._named[args[0]][1](" ".join(args[1:]))
             return
         show = self._module.view.show
         if args and args[0] in self._named:
@@ -292,6 +303,9 @@ class StationCommands:
     def _answer(self, yes: bool) -> None:
         """The operator's answer. A key pressed twice answers one question, not one that has just replaced it."""
         core, now = self._module.core, time.monotonic()
+        if self._module.mute:
+            self._module.view.line(f"Answer not used: {UNANSWERED}")
+            return
         asked = core.open_question is not None
         if asked and now - self._answered_at < _PRESS_S:
             self._module.view.line("Answer not used: a new question came first. Read it, then answer.")
@@ -371,15 +385,20 @@ class StationCommands:
         self._talks[word] = Conversation(asking, self._module.connection.send, now)
         self._module.event_log.command_sent(word)
 
-    def _payload(self, word: str) -> None:
-        """Payload authority: the standard's command, to the gimbal's component."""
-        if word not in _PAYLOAD:
-            self._module.view.show(f"handover payload: no {word!r}; there are {', '.join(_PAYLOAD)}")
-            return
+    def _payload(self, words: str) -> None:
+        """Payload authority: the standard's command, to the component of each kind."""
+        word, _, kind = words.partition(" ")
+        kinds = (kind,) if kind else tuple(PAYLOAD_COMPIDS)
+        for given, allowed in ((word, _PAYLOAD), (kinds[0], tuple(PAYLOAD_COMPIDS))):
+            if given not in allowed:
+                self._module.view.show(f"handover payload: no {given!r}; there are {', '.join(allowed)}")
+                return
         own, now = self._module.config.station.sysid, time.monotonic()
-        asking = _payload_asking(self._module.sysid, own, request=word == _PAYLOAD[0])
-        self._talks["PAYLOAD"] = Conversation(asking, self._module.connection.send, now)
-        self._module.event_log.command_sent("PAYLOAD")
+        for each in kinds:
+            asking = _payload_asking(self._module.sysid, own, PAYLOAD_COMPIDS[each], request=word == _PAYLOAD[0])
+            said = f"PAYLOAD {each}"
+            self._talks[said] = Conversation(asking, self._module.connection.send, now)
+            self._module.event_log.command_sent(said)
 
     def _next_nonce(self, now: float) -> int:
         """The number of a request: a new one each time, also within one step of a coarse clock."""
@@ -536,6 +555,8 @@ class StationCommands:
             show(f"alarm     {alarm.level.name}: {alarm.text}{' (acknowledged)' if alarm.acknowledged else ''}")
         if core.control.in_use:
             show(f"control   component {core.control.manager} manages it, by the MAVLink standard")
+        for kind, station, at in module.state.payload:
+            show(f"payload   {kind}: {station}{_old(now - at)}")
         if core.question is not None:
             show(f"question  handover {core.question.handover_id}: 'handover accept' or 'handover deny'")
         elif core.control.question is not None:
@@ -592,10 +613,14 @@ def _delegate_asking(vehicle: int, wish: int, program: str, nonce: int) -> Askin
     return mavlink.MAV_RESULT_ACCEPTED if accepted else mavlink.MAV_RESULT_DENIED
 
 
-def _payload_asking(vehicle: int, own: int, *, request: bool) -> Asking:
-    gimbal = mavlink.MAV_COMP_ID_GIMBAL
-    message = command_long((vehicle, gimbal), OPERATOR_CONTROL, float(request), 0, _PAYLOAD_S, own)
-    answer = _ack(OPERATOR_CONTROL, own, sender=gimbal)
+def _old(seconds: float) -> str:
+    """The age of a value after it; "" if it is fresh."""
+    return f" ({age(seconds)})" if age(seconds) else ""
+
+
+def _payload_asking(vehicle: int, own: int, component: int, *, request: bool) -> Asking:
+    message = command_long((vehicle, component), OPERATOR_CONTROL, float(request), 0, _PAYLOAD_S, own)
+    answer = _ack(OPERATOR_CONTROL, own, sender=component)
     return (yield Ask("payload authority", (message,), answer, timeout_s=1.0, tries=5))
 
 

@@ -13,7 +13,7 @@ from typing import Any, Final
 
 from MAVProxy.modules.lib import mp_menu, mp_util
 
-from mavproxy_handover.wire.ids import LIMITS
+from mavproxy_handover.wire.ids import LIMITS, PAYLOAD_COMPIDS
 
 __all__ = ["ENTRIES", "TYPED_ONLY", "Menu"]
 
@@ -46,6 +46,9 @@ ENTRIES: Final = (
 )
 #: commands that need a word which only the operator knows
 TYPED_ONLY: Final = ("delegate", "take")
+_PAYLOAD: Final = tuple(
+    f"{word}{kind}" for word in ("request", "release") for kind in ("", *(f" {kind}" for kind in PAYLOAD_COMPIDS))
+)
 _NAME, _WHERE = "Handover", "menu"
 #: the modules that have menus
 _HOSTS: Final = ("console", "map")
@@ -82,7 +85,7 @@ class Menu:
         self._hosts.clear()
 
     def _menu(self) -> Any:
-        choices = {"give": self._stations, "override": tuple(LIMITS.values()), "payload": ("request", "release")}
+        choices = {"give": self._stations, "override": tuple(LIMITS.values()), "payload": _PAYLOAD}
         items = [
             mp_menu.MPMenuSubMenu(label, [_entry(word, f"{words} {word}") for word in choices[words]])
             if words in choices

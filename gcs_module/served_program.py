@@ -26,10 +26,13 @@ from gcs_module.served_ids import Kind, Program, for_program, kind_of
 from mavproxy_handover.link.base import Device
 from mavproxy_handover.wire.frames import Frame
 
-__all__ = ["LOST_S", "MOST_BEATS", "MOST_FRAMES", "MUTE_S", "SILENT_S", "Change", "ServedProgram"]
+__all__ = ["LOST_S", "MOST_BEATS", "MOST_FRAMES", "MUTE_S", "SILENT_S", "UNANSWERED", "Change", "ServedProgram"]
 
 #: time (s) without a heartbeat of the program after which nothing is answered in its name; programs send one a second
 MUTE_S: Final = 1.5
+
+#: why no answer of the operator is taken meanwhile: none would be sent
+UNANSWERED: Final = "the program served by this station is silent. Start it, then answer."
 
 #: time (s) without a heartbeat of the program after which the operator is told
 SILENT_S: Final = 3.0

@@ -19,6 +19,7 @@ from gcs_module.decisions import Who
 from gcs_module.map_layer import place_of
 from gcs_module.vehicle_addresses import SILENT_S
 from mavproxy_handover.core.common.model import FlightAction, LeaseState, Phase, Reason
+from mavproxy_handover.wire.ids import PAYLOAD_COMPIDS
 
 __all__ = ["VehicleState"]
 
@@ -46,6 +47,8 @@ class VehicleState:
         self.rerouted = False
         #: a rehearsal on the ground is under way: the aircraft is carried
         self.rehearsal = False
+        #: by kind of payload: the station that has it, None: no station; and when the vehicle last said it
+        self._payload: dict[str, tuple[int | None, float]] = {}
 
     @property
     def mode(self) -> tuple[str, float]:
@@ -56,6 +59,21 @@ class VehicleState:
         """A heartbeat of the autopilot."""
         self.disarmed = not m.base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED
         self._mode, self._mode_at = mavutil.mode_string_v10(m), now
+
+    def on_payload(self, component: int, station: int | None, now: float) -> None:
+        """A CONTROL_STATUS of a component of the payload; of any other component it is ignored."""
+        kind = next((name for name, number in PAYLOAD_COMPIDS.items() if number == component), None)
+        if kind is not None:
+            self._payload[kind] = station, now
+
+    @property
+    def payload(self) -> tuple[tuple[str, str, float], ...]:
+        """Each kind of payload, the station that has it, and when the vehicle last said it. Empty: it says nothing of
+        it, so the payload is the commander's."""
+        return tuple(
+            (kind, self._core.name(station) if station else "no station", at)
+            for kind, (station, at) in self._payload.items()
+        )
 
     def on_authority(self, m: Any, now: float) -> AuthorityHeard:
         """An AUTHORITY_STATUS: keeps its zone and its return site, and returns the event for the rules."""

@@ -151,6 +151,7 @@ class Collector:
             return_site=None
             if state.return_site is None
             else ReturnSite(*state.return_site, state.return_takes_s, state.return_needs),
+            payload=state.payload,
             rerouted=state.rerouted,
             mission="" if flown is None else flown.digest.hex(),
             overrides=tuple((limit, until) for limit, until in craft.commands.overrides.items() if until > now),

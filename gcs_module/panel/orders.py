@@ -22,6 +22,7 @@ from typing import Any, Final, Protocol
 from gcs_module.core import StationCore
 from gcs_module.duty import NEEDS_OPERATOR, OFF, Change, Outcome
 from gcs_module.panel.question_number import border_number, number_of
+from gcs_module.served_program import UNANSWERED
 from gcs_module.standard_control import NOT_IN_STANDARD
 from mavproxy_handover.core.common.model import Consent
 from mavproxy_handover.wire.ids import LIMITS
@@ -116,6 +117,8 @@ class Ordered(Protocol):
 
     sysid: int
     core: StationCore
+    #: nothing is answered now, because the served program is silent
+    mute: bool
 
     @property
     def commands(self) -> Commands:
@@ -191,6 +194,8 @@ def _told(order: Order, outcome: Outcome) -> Reply:
 def _answer(order: Order, target: Ordered) -> Reply:
     """An answer to a question, or the change of an early answer."""
     yes, core = order.do == "accept", target.core
+    if target.mute:
+        return Reply(order.number, False, f"Not used: {UNANSWERED}")
     over = Reply(order.number, False, "Not used: that question is over.")
     asked = number_of(core.open_question)
     if asked and asked != order.argument:

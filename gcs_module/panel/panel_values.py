@@ -248,6 +248,7 @@ def _values(craft: AircraftSeen | None, known: Known) -> Iterator[dict[str, Any]
         ("a return goes to", _said(None if site is None else f"{site.name}{far}", _older(heard, place, far)), "{}"),
         ("a return takes", _said(None if site is None else _takes(site.takes_s), heard), "{}"),
         ("a return needs", _said(None if site is None else _needs(site.needs), heard), "{}"),
+        *((kind, Stamped(station, at), "{}") for kind, station, at in craft.payload),
         ("phase", _said(_PHASES.get(craft.phase, craft.phase), heard), "{}"),
     )
     for label, stamped, form in rows:

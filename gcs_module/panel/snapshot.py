@@ -34,7 +34,7 @@ __all__ = [
 ]
 
 #: of the form of a line; a panel of another version refuses it
-VERSION: Final = 2
+VERSION: Final = 3
 T = TypeVar("T")
 
 
@@ -131,8 +131,9 @@ class AircraftSeen:
     `commander` and `partner`: names of stations, "": none. `authority_at`: when the vehicle last said who commands.
     `phase`: as `model.Phase` in small letters. `mode`: a Stamped text; `armed`: a Stamped bool. `action` and
     `decision`: what the vehicle does about what is wrong, and its sentence. `answer_until`: the end of the time to
-    answer, here or at the other station. `zone`: the station whose zone holds the aircraft. `briefing`: pairs of label
-    and text. `overrides`: pairs of a lifted limit and the end of that. `mission`: digest of the package that is flown.
+    answer, here or at the other station. `zone`: the station whose zone holds the aircraft. `payload`: each
+    kind of it, the station that has it, and when the vehicle said so; empty: it is the commander's. `briefing`: pairs of
+    label and text. `overrides`: pairs of a lifted limit and the end of that. `mission`: digest of the package that is flown.
     `lines`: the last lines, the newest last.
     """
 
@@ -164,6 +165,7 @@ class AircraftSeen:
     battery_v: Stamped | None
     battery_left_s: Stamped | None
     return_site: ReturnSite | None
+    payload: tuple[tuple[str, str, float], ...]
     rerouted: bool
     mission: str
     overrides: tuple[tuple[str, float], ...]
@@ -218,6 +220,7 @@ _PARTS: Final[Mapping[type, Mapping[str, Any]]] = {
         "lines": (LineSeen,),
         "briefing": (tuple,),
         "overrides": (tuple,),
+        "payload": (tuple,),
         **dict.fromkeys(
             (
                 "mode",

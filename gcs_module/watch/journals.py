@@ -156,6 +156,8 @@ class Writer:
             craft.mode.hear(entry.word("mode") or "", at, Rank.AIRCRAFT, self.source)
         elif entry.event == "guard":
             self._guard(craft, entry, at)
+        elif entry.event == "payload":
+            self._payload(craft, entry, at)
         elif entry.event == "energy":
             left_wh = entry.number("left_wh")
             words = entry.text.split(" left", 1)[0] if left_wh is not None and " left" in entry.text else ""
@@ -225,6 +227,13 @@ class Writer:
             return
         if device in contact.links or len(contact.links) < _MOST_LINKS:
             contact.links[device] = change == "restored"
+
+    def _payload(self, craft: Aircraft, entry: Entry, at: float) -> None:
+        kinds = entry.fields.get("kinds")
+        for kind in kinds if isinstance(kinds, list) else ():
+            if isinstance(kind, str) and kind in craft.payload:
+                holder = entry.word("holder") or "no station"
+                craft.payload[kind].hear(holder, at, Rank.AIRCRAFT, self.source)
 
     @staticmethod
     def _decision(craft: Aircraft, entry: Entry, at: float) -> None:

@@ -26,7 +26,7 @@ from gcs_module.watch.scene import MOST_AIRCRAFT, Aircraft, Border, Place, Rank,
 from mavproxy_handover.core.common.model import FlightAction, GuardState, LeaseState, Phase
 from mavproxy_handover.wire import codec
 from mavproxy_handover.wire.frames import Frame
-from mavproxy_handover.wire.ids import AUTOPILOT_COMPID, COMPANION_COMPID, LANGUAGE_COMPID
+from mavproxy_handover.wire.ids import AUTOPILOT_COMPID, COMPANION_COMPID, LANGUAGE_COMPID, PAYLOAD_COMPIDS
 from mavproxy_handover.wire.texts import COMMANDS_NOW, is_marked
 
 __all__ = ["LinkReader"]
@@ -38,6 +38,7 @@ _TAKEN: Final = frozenset(
         mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT,
         mavlink.MAVLINK_MSG_ID_MISSION_CURRENT,
         mavlink.MAVLINK_MSG_ID_AUTHORITY_STATUS,
+        mavlink.MAVLINK_MSG_ID_CONTROL_STATUS,
         mavlink.MAVLINK_MSG_ID_HANDOVER_AHEAD,
         mavlink.MAVLINK_MSG_ID_HANDOVER_DECISION,
         mavlink.MAVLINK_MSG_ID_HANDOVER_TELEMETRY,
@@ -47,6 +48,8 @@ _TAKEN: Final = frozenset(
 )
 #: components that send the companion's messages: LANGUAGE_COMPID is the sender of our own messages
 _SPEAKERS: Final = (COMPANION_COMPID, LANGUAGE_COMPID)
+#: components that say which station has a kind of payload
+_PAYLOAD: Final = {component: kind for kind, component in PAYLOAD_COMPIDS.items()}
 _NO_HEADING, _NO_VOLTAGE = 0xFFFF, 0xFFFF
 _GUARD_TROUBLE: Final = (GuardState.EXPIRED, GuardState.LOST, GuardState.SILENT)
 
@@ -75,7 +78,7 @@ class LinkReader:
             return
         m = codec.decode_bytes(frame.raw)
         craft = None if m is None else self._craft(frame, m)
-        if craft is None:
+        if m is None or craft is None:
             return
         craft.heard_at, craft.ended = now, False
         if craft.source is None:
@@ -84,6 +87,8 @@ class LinkReader:
             self._of_companion(frame.sysid, craft, m, now, utc_now)
         elif frame.compid == AUTOPILOT_COMPID:
             self._of_autopilot(craft, m, now)
+        elif m.get_type() == "CONTROL_STATUS" and frame.compid in _PAYLOAD:
+            craft.payload[_PAYLOAD[frame.compid]].hear(self._name(m.gcs_main) or "no station", now, Rank.AIRCRAFT)
 
     def tick(self, now: float, utc_now: float) -> None:
         """Show complete texts; to be called each second."""

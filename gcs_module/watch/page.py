@@ -41,6 +41,7 @@ _COLUMNS: Final = (
     ("next", "next handover"),
     ("lease", "lease"),
     ("guard", "guard"),
+    ("payload", "payload"),
     ("battery", "battery"),
     ("links", "stations and links"),
     ("place", "height, zone"),

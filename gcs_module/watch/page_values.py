@@ -159,6 +159,9 @@ def _row(craft: Aircraft, mission: Mission | None, colours: _Colours, worst: Lev
         "guard": aged(craft.guard, craft.guard.value),
         "guarded": craft.guard.value in ("live", ""),
         "held": craft.lease.value in ("held", "transfer", ""),
+        "payload": ", ".join(
+            filter(None, (aged(said, f"{kind} {said.value}") for kind, said in craft.payload.items()))
+        ),
         "battery": battery,
         "low": percent.value is not None and percent.value < 30.0,
         "links": [_link(name, contact, colours) for name, contact in sorted(craft.contacts.items())],

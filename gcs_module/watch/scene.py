@@ -21,6 +21,7 @@ from typing import Final, Generic, TypeVar
 
 from gcs_module.alarms import Alarms, Level
 from mavproxy_handover.mission.geodesy import distance_m
+from mavproxy_handover.wire.ids import PAYLOAD_COMPIDS
 
 __all__ = [
     "FEED",
@@ -162,6 +163,8 @@ class Aircraft:
     guard: Said[str] = field(default_factory=lambda: Said(""))
     mode: Said[str] = field(default_factory=lambda: Said(""))
     rehearsal: Said[bool] = field(default_factory=lambda: Said(False))
+    #: by kind of payload: the station or onboard program that has it
+    payload: dict[str, Said[str]] = field(default_factory=lambda: {kind: Said("") for kind in PAYLOAD_COMPIDS})
     #: percent, and other values of the battery: volts or watt-hours
     battery_percent: Said[float | None] = field(default_factory=lambda: Said(None))
     battery_words: Said[str] = field(default_factory=lambda: Said(""))

@@ -50,6 +50,7 @@ CRAFT = AircraftSeen(
     battery_v=Stamped(12.4, NOW - 1.0),
     battery_left_s=None,
     return_site=ReturnSite("home", 52.679, 5.924, 95.0, 0.12),
+    payload=(),
     rerouted=False,
     mission="",
     overrides=(),

@@ -162,6 +162,19 @@ def test_it_is_known_by_its_name_once_that_is_said(listening: Listening) -> None
     assert listening.row("drone-7")["commander"] == "GCSB"
 
 
+def test_the_payload_is_shown_by_kind_with_its_age(listening: Listening) -> None:
+    listening.hear(authority(251))
+    assert listening.row()["payload"] == "", "the commander's: the vehicle says nothing of it"
+    for component, station in ((154, 252), (100, 252), (169, 0)):
+        listening.hear(mavlink.MAVLink_control_status_message(0, station, [0] * 10), component=component)
+    assert listening.row()["payload"] == "gimbal GCSB, camera GCSB, winch no station"
+    listening.hear(mavlink.MAVLink_control_status_message(1, 251, [0] * 10), component=COMPANION_COMPID)
+    assert listening.row()["payload"] == "gimbal GCSB, camera GCSB, winch no station"
+    listening.now += 20.0
+    listening.hear(authority(251))
+    assert listening.row()["payload"] == "gimbal GCSB (20 s old), camera GCSB (20 s old), winch no station (20 s old)"
+
+
 def test_nobody_else_makes_an_aircraft(listening: Listening) -> None:
     gcs = mavlink.MAVLink_heartbeat_message(mavlink.MAV_TYPE_GCS, mavlink.MAV_AUTOPILOT_INVALID, 0, 0, 4, 3)
     listening.hear(gcs, sysid=255, component=190)

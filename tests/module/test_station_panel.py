@@ -96,6 +96,53 @@ def test_the_panel_is_told_what_the_station_knows(station: StationBench, panel: 
     assert from_bytes(panel.missions[seen.mission]).digest == digest
 
 
+def of_payload(component: int, station: int) -> bytes:
+    own = mavlink.MAVLink(None, srcSystem=1, srcComponent=component)
+    return bytes(mavlink.MAVLink_control_status_message(0, station, [0] * 10).pack(own))
+
+
+def test_the_payload_is_shown_by_kind_with_its_age(station: StationBench, panel: Reader) -> None:
+    module = station.load()
+    station.hear(connect_message())
+    station.hear(authority())
+    assert run(station, panel).payload == ()
+    began = station.clock.now
+    for component, holder in ((154, 252), (100, 251), (169, 0)):
+        frame = parse_one(of_payload(component, holder))
+        assert frame is not None
+        module.aircraft[0].on_frame(frame, None)
+    seen = run(station, panel)
+    found = tuple(tuple(each) for each in seen.payload)
+    assert found == (("gimbal", "GCSB", began), ("camera", "GCSA", began), ("winch", "no station", began))
+    assert module.aircraft[0].core.commander == 251, "it is no flight authority"
+    lines = station.mpstate.type("handover status")
+    assert [line for line in lines if line.startswith("payload")] == [
+        "payload   gimbal: GCSB",
+        "payload   camera: GCSA",
+        "payload   winch: no station",
+    ]
+    station.clock.now += 10.0
+    assert "payload   gimbal: GCSB (11 s old)" in station.mpstate.type("handover status")
+
+
+def test_a_station_asks_for_the_whole_payload_or_for_a_part(station: StationBench) -> None:
+    station.load()
+    station.hear(connect_message())
+    station.sent()
+    station.mpstate.type("handover payload request camera")
+    station.run(0.1)
+    asked = [(m.target_component, m.param1) for m in station.sent() if m.get_type() == "COMMAND_LONG"]
+    assert asked == [(100, 1.0)]
+    station.mpstate.type("handover payload release")
+    station.run(0.1)
+    asked = [(m.target_component, m.param1) for m in station.sent() if m.get_type() == "COMMAND_LONG"]
+    assert asked == [(154, 0.0), (100, 0.0), (169, 0.0)]
+    for typed in ("lamp", "request lamp", "request camera now"):
+        told = station.mpstate.type(f"handover payload {typed}")
+        assert told
+        assert station.sent() == []
+
+
 def test_an_accept_answers_the_question_that_it_names(station: StationBench, panel: Reader) -> None:
     station.load()
     station.hear(connect_message())
@@ -129,6 +176,28 @@ def test_an_accept_for_a_question_that_was_replaced_does_nothing(station: Statio
     assert answers(station, "OK_HANDOVER") == [1]
     assert order(station, panel, "accept", second.number) == (False, "Not used: that question is over.")
     assert answers(station, "OK_HANDOVER") == []
+
+
+def test_an_answer_while_the_served_program_is_silent_is_not_used(station: StationBench, panel: Reader) -> None:
+    """Nothing is answered in a silent program's name, so no answer may look as if it was given."""
+    module = station.load()
+    station.hear(connect_message())
+    ask(station, 3)
+    question = run(station, panel).question
+    assert question is not None
+    module.aircraft[0].mute = True
+    station.sent()
+    silent = "the program served by this station is silent. Start it, then answer."
+    for do in ("accept", "deny"):
+        assert order(station, panel, do, question.number) == (False, f"Not used: {silent}")
+    assert station.mpstate.type("handover accept")[-1].endswith(f"Answer not used: {silent}")
+    assert answers(station, "OK_HANDOVER") == []
+    module.aircraft[0].mute = False
+    seen = run(station, panel).question
+    assert seen is not None
+    assert seen.number == question.number, "it is still open"
+    assert order(station, panel, "accept", question.number) == (True, "Accepted.")
+    assert answers(station, "OK_HANDOVER") == [0]
 
 
 def test_an_answer_just_after_another_question_is_not_used(station: StationBench, panel: Reader) -> None:
