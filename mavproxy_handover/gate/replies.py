@@ -86,7 +86,7 @@ class Replies:
 
     def refuse(self, port: Port, frame: Frame, verdict: Verdict, modes: Modes, now: float) -> None:
         """Answer a refused frame in its protocol, and say why."""
-        if not self._refusals.allow(port.sysid, frame.msgid, now):
+        if not self._refusals.allow(port.sysid, (frame.msgid, verdict.access), now):
             return
         capabilities, sender = port.capabilities, (frame.sysid, frame.compid)
         for answer in refusal(frame, verdict, self._own, partial(capabilities.result, sender)):

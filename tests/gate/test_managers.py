@@ -180,6 +180,18 @@ def test_a_flight_command_to_the_camera_is_refused_in_words(make: Callable[..., 
         assert gate.said[-1][1].endswith("refused: no command of a camera, gimbal or winch. Send it to the autopilot")
 
 
+def test_refused_questions_do_not_use_up_the_answers_to_commands(make: Callable[..., Frame]) -> None:
+    """MAVSDK asks every component for its camera, again and again; its refused command is answered all the same."""
+    gate = Door(step_s=0.01, managers=MANAGERS)
+    gate.change(FLYING)
+    question = make("COMMAND_LONG", sysid=GCSB, command=512, param1=259.0, target_component=191)
+    for _ in range(20):
+        gate.up(B, question)
+    photo = make("COMMAND_LONG", sysid=GCSB, command=mavlink.MAV_CMD_IMAGE_START_CAPTURE, target_component=CAMERA)
+    answers = [mavlink.MAVLink(None).decode(bytearray(raw)) for raw in gate.up(B, photo).answers]
+    assert mavlink.MAV_CMD_IMAGE_START_CAPTURE in [m.command for m in answers if m.get_type() == "COMMAND_ACK"]
+
+
 def test_what_the_commander_sends_to_a_manager_ends_no_delegation(make: Callable[..., Frame]) -> None:
     gate = door()
     frame = make("COMMAND_LONG", sysid=GCSA, command=mavlink.MAV_CMD_DO_SET_ROI_NONE, target_component=GIMBAL)
