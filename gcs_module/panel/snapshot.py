@@ -131,10 +131,10 @@ class AircraftSeen:
     `commander` and `partner`: names of stations, "": none. `authority_at`: when the vehicle last said who commands.
     `phase`: as `model.Phase` in small letters. `mode`: a Stamped text; `armed`: a Stamped bool. `action` and
     `decision`: what the vehicle does about what is wrong, and its sentence. `answer_until`: the end of the time to
-    answer, here or at the other station. `zone`: the station whose zone holds the aircraft. `payload`: each
-    kind of it, the station that has it, and when the vehicle said so; empty: it is the commander's. `briefing`: pairs of
-    label and text. `overrides`: pairs of a lifted limit and the end of that. `mission`: digest of the package that is flown.
-    `lines`: the last lines, the newest last.
+    answer, here or at the other station. `zone`: the station whose zone holds the aircraft. `payload`:
+    each kind of it, the station that has it, and when the vehicle said so; empty: it is the commander's. `briefing`:
+    pairs of label and text. `overrides`: pairs of a lifted limit and the end of that. `mission`: digest of the package
+    that is flown. `lines`: the last lines, the newest last.
     """
 
     sysid: int

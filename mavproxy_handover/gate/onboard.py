@@ -234,7 +234,7 @@ class OnboardFilters:
         size, reason = len(frame.raw), GateReason.ALLOWED
         if not self._bytes.allow(now, size):
             reason = GateReason.TOO_OFTEN
-        elif not self._matters.has_room(now, size):
+        elif not says(frame, self._program) and not self._matters.has_room(now, size):
             reason = GateReason.LINE_FULL
         if reason is GateReason.ALLOWED:
             return verdict

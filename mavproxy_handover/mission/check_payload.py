@@ -38,8 +38,8 @@ def far_payloads(package: MissionPackage, simulation: RouteSimulation) -> Iterat
         part = len(outside) / len(simulation.samples)
         if part > _WORTH:
             yield (
-                f"payload: the {kind.value} belongs to {owner}, and {100.0 * part:.0f} % of the route is outside its "
-                f"zone, first on the way to item {outside[0].seq}. No other station can work it there"
+                f"payload: the {kind.value} belongs to {owner}. {100.0 * part:.0f} % of the route is outside its zone, "
+                f"first on the way to item {outside[0].seq}. No other station can work it there"
             )
 
 

@@ -181,7 +181,7 @@ _KINDS: Final = {
 
 
 def payload_keys(names: str) -> tuple[Key, ...]:
-    """The keys of `[payload]`. `names`: who may be named, for people."""
+    """The keys of `[payload]`. `names`: the stations or programs that a key may name, in words."""
     return (
         text(
             "control",

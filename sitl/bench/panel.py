@@ -193,6 +193,7 @@ def _craft(number: int, commander: str, now: float) -> AircraftSeen:
         battery_v=Stamped(12.4, now),
         battery_left_s=Stamped(900.0, now),
         return_site=ReturnSite("home", 52.679, 5.924),
+        payload=(),
         rerouted=False,
         mission="",
         overrides=(),

@@ -58,7 +58,7 @@ def test_a_payload_of_a_station_that_the_route_leaves_is_a_warning(small):
     small.toml += '[payload]\ncamera = "B"\ngimbal = "flight"\n'
     (text,) = warnings(small)
     assert re.fullmatch(
-        r"payload: the camera belongs to B, and \d+ % of the route is outside its zone, first on the way to item 1\. "
+        r"payload: the camera belongs to B\. \d+ % of the route is outside its zone, first on the way to item 1\. "
         r"No other station can work it there",
         text,
     )

@@ -8,8 +8,8 @@ command it. Two tables:
 * `MANAGER_SAYS`: what it may tell the stations, and how often.
 * What it takes from stations: the payload's commands and messages (`policy/payload.py`), `MANAGER_COMMANDS` and
   PARAM_EXT_SET from the station with payload authority; the questions of `MANAGER_READS`, and every command of the
-  class READ, from those that may read. Nothing else that is addressed to it passes, whoever sends it: ArduPilot carries
-  out commands to components that it does not know itself (`MAVLink_routing.cpp`), so the autopilot never gets them.
+  class READ, from those that may read. Nothing else that is addressed to it passes, from any station. ArduPilot carries
+  out commands to components that it does not know (`MAVLink_routing.cpp`), so the autopilot never gets them.
 
 Sources: MAVLink camera protocol v2, gimbal protocol v2, extended parameter protocol.
 """
@@ -62,15 +62,17 @@ _ASKING: Final = (Access.READ, Access.ANSWERED)
 
 
 class Taken(Enum):
-    """What a manager does with a frame that is addressed to it."""
+    """Fates of a frame at the manager that it is addressed to."""
 
     ANSWERS = "answers"  #: it asks, or sets the rate of a message
     REFUSES = "refuses"  #: no manager takes it
 
 
 def taken(frame: Frame, access: Access | None) -> PayloadKind | Taken:
-    """What the manager that a frame is addressed to makes of it; a kind: it carries it out for the station with that
-    payload. `access`: the class of the frame, which is known to the dialect."""
+    """The fate of a frame at its manager. A kind: the manager carries it out for the station with that payload.
+
+    `access`: the class of the frame, which is known to the dialect.
+    """
     if frame.msgid in COMMAND_MESSAGES:
         kind = payload_kind(frame) or _COMMANDS.get(field_int(frame, "command"))
         return kind or (Taken.ANSWERS if access in _ASKING else Taken.REFUSES)
