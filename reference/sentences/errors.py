@@ -137,7 +137,7 @@ FAMILIES: Final = (
         "Findings of handover check",
         "The package can be read, and something would go wrong in flight. An error refuses the package.",
         f"Change plan, zones or mission.toml as the line says. {_CHECK}",
-        _in("mavproxy_handover/mission", "check check_feeds fix ahead"),
+        _in("mavproxy_handover/mission", "check check_feeds check_payload fix ahead"),
     ),
     Family(
         "Figures of handover check",
