@@ -95,7 +95,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         if plane is None and profile.firmware == "ArduPlane":
             print(f"{name:<22} skipped: it is flown by a {profile.name}, and no arduplane is found", flush=True)
             continue
-        for vehicle in (each for each in vehicles if flies(each) is profile):
+        needs = _needs(name)
+        for vehicle in (each for each in vehicles if flies(each) is profile and needs in ("", each)):
             flights.append(_fly(name, vehicle, arguments.out / f"{stamp}-{name}-{vehicle}", programs))
             print(flights[-1].row, flush=True)
             for line in flights[-1].failed:
@@ -113,6 +114,14 @@ def _has_panel(name: str) -> bool:
         return bool(load_scenario(known_scenarios()[name]).panel)
     except ScenarioError:  # the flight itself reports it
         return False
+
+
+def _needs(name: str) -> str:
+    """The only vehicle that can fly a scenario; "": every one of its kind."""
+    try:
+        return load_scenario(known_scenarios()[name]).needs
+    except (KeyError, ScenarioError):  # the flight itself reports it
+        return ""
 
 
 def _profile_of(name: str) -> Profile:

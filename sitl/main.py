@@ -223,6 +223,8 @@ def _order(arguments: argparse.Namespace) -> Order:
     speedup = speedup_of(arguments.speedup if arguments.speedup is not None else scenario.speedup or DEFAULT_SPEEDUP)
     package = packages.load(mission_folder(scenario.mission))
     vehicle = _vehicle(arguments, package)
+    if scenario.needs not in ("", vehicle):
+        raise SetupError(f"scenario {scenario.name} needs --vehicle {scenario.needs}")
     _check_names(scenario, package)
     place = None if arguments.home is None else read_place(arguments.home)
     if place is not None:

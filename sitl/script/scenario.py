@@ -12,6 +12,7 @@ expectations of `expect.py`; each `[[step]]` and each `[[expect]]` has exactly o
 
 Before the steps stands what the flight is made of, where that differs from the plain one:
 
+    needs = "arducopter"           the built-in vehicle lacks what it shows
     begin = "start"                common opening, so far: "connected", "loaded" or "start"
     consent = {GCSA = "operator"}  its operator is asked; automatic or refuse for a station in `standard`
     forced = {GCSB = "ask"}        its operator is asked as well when the commander is lost
@@ -96,6 +97,7 @@ DEFAULT_TIMEOUT_S = 120.0
 CONSENTS = ("automatic", "operator", "refuse")
 FORCED = ("automatic", "ask")
 GUARD_KEYS = ("same", "other")
+NEEDS = ("arducopter",)
 WORDS: Mapping[str, type[Deed]] = {**STEPS, **FAULT_STEPS}
 #: the name of the autopilot among serial lines
 AUTOPILOT = "autopilot"
@@ -108,6 +110,7 @@ _KEYS = (
     "description",
     "mission",
     "speedup",
+    "needs",
     "begin",
     "consent",
     "forced",
@@ -242,6 +245,8 @@ class Scenario:
     places: Mapping[str, Place]
     #: what the scenario wants, if it wants one
     speedup: float | None = None
+    #: the only vehicle that can fly it; empty: every one that its mission is for
+    needs: str = ""
     #: how far the common opening goes (`sitl.script.opening`); empty: the scenario does that itself
     begin: str = ""
     #: stations that speak the MAVLink standard only
@@ -377,6 +382,7 @@ def parse_scenario(text: str, file: str) -> Scenario:
         parameters=reader.at("parameters").numbers(reader.table(data, "parameters", {})),
         places=places,
         speedup=speedup,
+        needs=_word(reader, data, "needs", NEEDS),
         begin=_word(reader, data, "begin", BEGINNINGS),
         standard=reader.value(data, "standard", tuple[str, ...], ()),
         require_operator=reader.value(data, "require_operator", tuple[str, ...], ()),

@@ -168,3 +168,24 @@ def test_a_quadplane_comes_up(tmp_path: Path) -> None:
         assert {"0_plane_base.parm", "1_quadplane_base.parm"} <= {path.name for path in tmp_path.iterdir()}
     finally:
         vehicle.stop()
+
+
+def test_what_only_arducopter_can_show_is_flown_there_alone(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    flown = []
+
+    def fly(name: str, vehicle: str, _folder: Path, _programs: list[str]) -> fly_all.Flight:
+        flown.append((name, vehicle))
+        return fly_all.Flight(name, vehicle, 0, 1.0, ("GCSA",))
+
+    monkeypatch.setattr(fly_all, "_fly", fly)
+    monkeypatch.setattr(fly_all, "find_arducopter", lambda _explicit: Path("/bin/true"))
+    assert fly_all.main(["onboard-vision-lies", "onboard-sensors", "--out", str(tmp_path)]) == 0
+    assert flown == [
+        ("onboard-vision-lies", "arducopter"),
+        ("onboard-sensors", "builtin"),
+        ("onboard-sensors", "arducopter"),
+    ]
+    assert main.main(["--scenario", "onboard-vision-lies", "--vehicle", "builtin"]) == 2
+    assert "scenario onboard-vision-lies needs --vehicle arducopter" in capsys.readouterr().err
