@@ -30,14 +30,16 @@ class Return:
         self.watch = ReturnWatch(used, self.state, lambda: site, reports)
         self.now = 100.0
 
-    def seconds(self, count: int, away_m: float, speed_mps: float = 0.0, mode: int = RTL, landed: int = 2) -> None:
+    def seconds(
+        self, count: int, away_m: float, speed_mps: float = 0.0, mode: int = RTL, landed: int = 2, circles: int = 0
+    ) -> None:
         for second in range(count):
             self.now += 1.0
             lat = round((47.0 + (away_m - speed_mps * second) * METRE) * 1e7)
             for message in (
                 mavlink.MAVLink_heartbeat_message(2, 3, 129, mode, 4, 3),
                 mavlink.MAVLink_extended_sys_state_message(0, landed),
-                mavlink.MAVLink_global_position_int_message(0, lat, 80_000_000, 0, 30_000, 0, 0, 0, 0),
+                mavlink.MAVLink_global_position_int_message(0, lat, 80_000_000, 0, 30_000, 0, circles, 0, 0),
             ):
                 self.state.on_message(message, self.now)
             self.watch.each_second(self.now)
@@ -51,6 +53,14 @@ def test_a_return_that_stands_is_told_once_a_minute() -> None:
     flight.seconds(70, 60.0)
     text = "Return comes no nearer, 60 m from its site. Order LAND, or end the obstacle program."
     assert flight.said == [text, text]
+
+
+def test_a_return_that_circles_at_its_site_is_told() -> None:
+    """ArduCopter with BendyRuler, 4 to 20 m from home at 2 m/s."""
+    flight = Return()
+    flight.seconds(60, 300.0, 4.9)
+    flight.seconds(50, 12.0, circles=200)
+    assert flight.said == ["Return comes no nearer, 12 m from its site. Order LAND, or end the obstacle program."]
 
 
 @pytest.mark.parametrize(

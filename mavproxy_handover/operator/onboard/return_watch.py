@@ -24,8 +24,9 @@ __all__ = ["NEARER_M", "PATIENCE_S", "ReturnWatch"]
 NEARER_M: Final = 5.0
 PATIENCE_S: Final = 45.0
 _REMIND_S: Final = 60.0
-#: so near to its site (m) it waits or lands
+#: so near to its site (m) and so slow it waits before it lands; around false obstacles it flew there at 2 m/s
 _AT_SITE_M: Final = 20.0
+_WAITS_MPS: Final = 1.0
 
 
 class ReturnWatch:
@@ -53,7 +54,8 @@ class ReturnWatch:
             self._least_m, self._told_at = math.inf, -math.inf
             return
         away_m = distance_m(*here[:2], *site)
-        if away_m < self._least_m - NEARER_M or away_m < _AT_SITE_M:
+        waits = away_m < _AT_SITE_M and aircraft.own_speed_mps < _WAITS_MPS
+        if away_m < self._least_m - NEARER_M or waits:
             self._least_m, self._nearer_at = away_m, now
         if now - self._nearer_at < PATIENCE_S or now - self._told_at < _REMIND_S:
             return
