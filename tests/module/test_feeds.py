@@ -51,6 +51,21 @@ def test_corrections_and_traffic_of_a_station_without_authority_reach_the_autopi
     assert "ADS-B of GCSA" not in fed.b.texts()
 
 
+def test_heartbeats_of_a_receiver_are_journalled_once(fed: Bench) -> None:
+    """An ADS-B receiver is component 156. A command of it is journalled as before."""
+    beat = mavlink.MAVLink_heartbeat_message(27, 8, 0, 0, 4, 3)
+    arm = mavlink.MAVLink_command_long_message(1, 1, 400, 0, 1, 0, 0, 0, 0, 0, 0)
+    for message in (beat, beat, beat, beat, arm):
+        fed.b.own.srcComponent = 156
+        fed.b.send(message)
+        fed.b.own.srcComponent = 190
+        fed.run(1.0)
+    assert [entry["what"] for entry in fed.journal("refused")] == [
+        "HEARTBEAT",
+        "COMMAND_LONG/MAV_CMD_COMPONENT_ARM_DISARM",
+    ]
+
+
 def test_the_next_station_takes_over_after_the_silence_and_all_are_told(fed: Bench) -> None:
     corrections(fed.b)
     fed.run(0.1)

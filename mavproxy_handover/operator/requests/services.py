@@ -19,6 +19,7 @@ from mavproxy_handover.gate.gate import Gate
 from mavproxy_handover.gate.judge import Fate, GateReason, Verdict
 from mavproxy_handover.gate.policy.access import Access
 from mavproxy_handover.gate.refusal_text import thesis_command
+from mavproxy_handover.gate.refusals import OncePerCause
 from mavproxy_handover.operator.rehearsal.rehearsal import RehearsalManager
 from mavproxy_handover.operator.requests.accepted import AcceptedCommands
 from mavproxy_handover.operator.requests.flight_commands import FlightCommands
@@ -29,9 +30,13 @@ from mavproxy_handover.operator.stations.event_log import EventLog
 from mavproxy_handover.operator.stations.port import StationPort
 from mavproxy_handover.wire import codec
 from mavproxy_handover.wire.frames import Frame
+from mavproxy_handover.wire.message_ids import MESSAGE_IDS
 
 __all__ = ["OperatorServices", "Services"]
 
+_HEARTBEAT: Final = MESSAGE_IDS["HEARTBEAT"]
+#: heartbeats that are refused for the same reason are journalled once in this time (s)
+_BEATS_S: Final = 60.0
 #: classes that another system of a station may send in the station's name
 _OF_ANY_SYSTEM: Final = frozenset((Access.COMMAND, Access.CONTROL, Access.READ, Access.RALLY_READ, Access.RALLY_WRITE))
 
@@ -64,6 +69,7 @@ class OperatorServices:
         self._accepted = accepted
         self._rehearsal = rehearsal
         self._event_log = event_log
+        self._beats = OncePerCause(_BEATS_S)
         self.table: Mapping[Access, Service] = {
             Access.COMMAND: services.commands.handle_command,
             Access.READ: services.commands.handle_command,
@@ -89,6 +95,8 @@ class OperatorServices:
                 assert_never(verdict.fate)
 
     def _refused(self, port: StationPort, frame: Frame, verdict: Verdict, now: float) -> None:
+        if frame.msgid == _HEARTBEAT and not self._beats.allow(port.sysid, (frame.compid, verdict.reason), now):
+            return  # such as those of an ADS-B receiver, for the whole flight
         kind, answered = (frame.msgid, verdict.reason), verdict.fate is Fate.REFUSE
         named, why = partial(self._gate.unsaid, frame), verdict.reason.value
         proven, record = port.proves(frame), thesis_command(frame)
