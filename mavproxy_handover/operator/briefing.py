@@ -143,12 +143,8 @@ class Briefing:
         if fact.model is None or fact.left_wh is None:
             return f"what is left is not known{f': {fact.missing}' if fact.missing else ''}"
         whole = fact.model.battery_wh
-        on = (
-            "what the mission needs is not known"
-            if need is None
-            else f"the mission needs {need / whole:.0%} with the reserve"
-        )
-        place = self._sources.return_site.words()
+        on = "what the mission needs is not known" if need is None else f"mission with reserve {need / whole:.0%}"
+        place = self._sources.return_site.brief()
         return f"{fact.left_wh / whole:.0%} left; {on}{f'; return to {place}' if place else ''}"
 
     def _wind(self) -> str:

@@ -136,7 +136,7 @@ _BRIEFING: Final = (
     ),
     _info("what is left is not known", "The battery reports nothing.", "Ask the commander's operator."),
     _info(
-        "{percent} left; the mission needs {left} with the reserve; return to {place}",
+        "{percent} left; mission with reserve {left}; return to {place}",
         "Battery and need of the mission.",
     ),
     _info("{percent} left; what the mission needs is not known", "Only the battery is known."),

@@ -182,7 +182,8 @@ def test_the_partners_operator_is_briefed_with_the_question_and_nobody_else(flig
     leg, battery, wind, links, alerts, following = [m.text for m in lines]
     assert "52.67900 5.92400, " in leg
     assert "above home" in leg
-    assert battery.startswith(("what is left is not known", "100% left"))
+    assert battery.startswith("100% left; mission with reserve ")
+    assert battery.endswith((" all the way", " at its end only")), "the line is not cut"
     assert wind == "not known"
     assert links.startswith("GCSA ")
     assert "; GCSB " in links
@@ -193,7 +194,7 @@ def test_the_partners_operator_is_briefed_with_the_question_and_nobody_else(flig
 
 
 def test_what_breaks_in_a_briefing_costs_one_line(flight: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(type(flight.companion.autopilot.return_site), "words", lambda _self: 1 / 0)
+    monkeypatch.setattr(type(flight.companion.autopilot.return_site), "brief", lambda _self: 1 / 0)
     monkeypatch.setattr(type(flight.companion.autopilot.command_check), "way_on_wh", lambda _self: 1 / 0)
     flight.autopilot.waypoint = 2
     flight.wait(3.0)

@@ -146,14 +146,15 @@ class Choice:
         """Place and figures for people: "rally 2: 1.9 km away, covered by GCSA all the way". `name` of a station."""
         return f"{self.place.name}: {self.figures(name)}"
 
-    def figures(self, name: Callable[[int], str]) -> str:
-        """The same without the name of the place."""
+    def figures(self, name: Callable[[int], str], *, brief: bool = False) -> str:
+        """The same without the name of the place. `brief`: without what is left in the battery."""
         place, far = self.place, self.place.distance_m
         parts = [f"{far / 1000.0:.1f} km away" if far >= 1000.0 else f"{far:.0f} m away"]
         if not isfinite(place.time_s):
             parts.append("the wind does not let it be flown")
         elif place.needs is not None and place.left is not None:
-            parts.append(f"needs {place.needs:.0%} of the battery ({place.left:.0%} left)".replace("%", " %"))
+            left = "" if brief else f" of the battery ({place.left:.0%} left)"
+            parts.append(f"needs {place.needs:.0%}{left}".replace("%", " %"))
         if self.standing.reach is Reach.NO:
             parts.append("OUT OF REACH")
         if not self.standing.inside:

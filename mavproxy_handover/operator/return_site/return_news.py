@@ -43,6 +43,11 @@ class ReturnNews:
         """The return site, for people."""
         return f"{choice.words(self._name)}{'' if listed else _NOT_LISTED}"
 
+    def brief(self, choice: Choice, *, listed: bool) -> str:
+        """The return site, for a line that has what is left in the battery already."""
+        figures = choice.figures(self._name, brief=True)
+        return f"{choice.place.name}: {figures}{'' if listed else _NOT_LISTED}"
+
     def figures(self, choice: Choice, *, listed: bool) -> str:
         """The return site in figures."""
         return f"{choice.figures(self._name)}{'' if listed else _NOT_LISTED}"

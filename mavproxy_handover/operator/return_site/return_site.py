@@ -150,6 +150,10 @@ class ReturnSite:
         """The return site, for people; "" while there is none."""
         return "" if self.choice is None else self._news.words(self.choice, listed=not self._elsewhere)
 
+    def brief(self) -> str:
+        """The return site, for a line that has what is left in the battery already."""
+        return "" if self.choice is None else self._news.brief(self.choice, listed=not self._elsewhere)
+
     # ---- changes --------------------------------------------------------------------------------------------------
 
     def set_mission(self, package: MissionPackage | None, now: float, *, keeps_rally: bool = False) -> None:

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import itertools
 import random
+import re
 from collections.abc import Iterable
 from dataclasses import replace
 from math import inf
@@ -340,7 +341,9 @@ def test_a_return_gets_there_if_it_would_be_flown_to_and_the_energy_lasts(inside
 )
 def test_figures(changes: dict[str, float | None], text: str) -> None:
     place = replace(HOME, **changes)  # type: ignore[arg-type]
-    assert Choice(place, standing(place, ALL), (A,)).figures(NAMES.__getitem__) == text
+    choice = Choice(place, standing(place, ALL), (A,))
+    assert choice.figures(NAMES.__getitem__) == text
+    assert choice.figures(NAMES.__getitem__, brief=True) == re.sub(r" of the battery \(.* left\)", "", text)
 
 
 def test_covered_is_what_counts_as_covered_and_has_somebody_who_covers_it() -> None:
