@@ -17,7 +17,7 @@ from mavproxy_handover.core.common.events import ModeSourceSeen
 from mavproxy_handover.core.common.model import ModeClass, ModeSource
 from mavproxy_handover.vehicle.profiles import ASSUMED, Profile
 from mavproxy_handover.wire import codec
-from mavproxy_handover.wire.frames import Frame
+from mavproxy_handover.wire.frames import Frame, field_int
 from mavproxy_handover.wire.message_ids import COMMAND_MESSAGES
 
 __all__ = ["breached", "of_command", "of_text", "radio_lives"]
@@ -46,6 +46,7 @@ _COMMANDS: Final[Mapping[int, ModeClass | None]] = {
     mavlink.MAV_CMD_SOLO_BTN_FLY_HOLD: _ANY,
     mavlink.MAV_CMD_SOLO_BTN_PAUSE_CLICK: _ANY,
 }
+_LOOKED_AT: Final = frozenset((*_COMMANDS, mavlink.MAV_CMD_DO_SET_MISSION_CURRENT, mavlink.MAV_CMD_DO_SET_MODE))
 _SET_MODE: Final[int] = mavlink.MAVLINK_MSG_ID_SET_MODE
 _SET_ITEM: Final[int] = mavlink.MAVLINK_MSG_ID_MISSION_SET_CURRENT
 _RADIO: Final[int] = mavlink.MAV_SYS_STATUS_SENSOR_RC_RECEIVER
@@ -79,7 +80,11 @@ def of_command(
 
     `leads_to`: what is flown when the mission goes on with an item, None if that changes nothing (`plane_landing.py`).
     """
-    if frame.msgid not in (_SET_MODE, _SET_ITEM) and frame.msgid not in COMMAND_MESSAGES:
+    if frame.msgid in COMMAND_MESSAGES:
+        command = field_int(frame, "command")  # decoding the frame takes longer than all else that is done with it
+        if command not in _LOOKED_AT and command not in profile.commands:
+            return None
+    elif frame.msgid not in (_SET_MODE, _SET_ITEM):
         return None
     message = codec.decode_bytes(frame.raw)
     if message is None:
@@ -96,10 +101,8 @@ def of_command(
     if message.command == mavlink.MAV_CMD_DO_SET_MODE:
         mode = message.param2
         return ModeSourceSeen(ModeSource.COMMANDER, profile.flown(int(mode)) if 0.0 <= mode < 256.0 else _ANY)
-    commands = {**_COMMANDS, **profile.commands}
-    if message.command not in commands:
-        return None
-    return ModeSourceSeen(ModeSource.COMMANDER, commands[message.command])
+    flown = profile.commands if message.command in profile.commands else _COMMANDS
+    return ModeSourceSeen(ModeSource.COMMANDER, flown[message.command])
 
 
 def _of_item(flown: ModeClass | None) -> ModeSourceSeen | None:
