@@ -125,6 +125,8 @@ class Aboard:
         #: everything that the autopilot got, and what passed of the programs: name and frame
         self.to_autopilot: list[bytes] = []
         self.passed: list[tuple[str, Frame]] = []
+        #: what payload managers told the stations
+        self.to_stations: list[Frame] = []
         self.told: list[str] = []
         self.stood = 0
         self.payload = ""
@@ -138,6 +140,7 @@ class Aboard:
             profile=COPTER,
             custom_mode=COPTER.guided,
             flying=True,
+            telemetry=SimpleNamespace(heartbeat=SimpleNamespace(at=1000.0)),
             ways_down=SimpleNamespace(leads_to=lambda _item: None),
         )
         self.lines = {program.name: Line() for program in PROGRAMS}
@@ -163,15 +166,18 @@ class Aboard:
         matters = OnboardMatters(
             self.delegating.permits,
             self._passes,
-            lambda name: self.payload == name,
+            lambda _kind, name: self.payload == name,
             lambda: COPTER.gate,
-            self.room.allow,
             self.room.allow,
             LandingTargets(_landing()).judge,
             lambda: True,
         )
         around = OnboardSurroundings(
-            matters, self.to_autopilot.append, self.delegating.target_passed, self.delegating.link_closed
+            matters,
+            self.to_autopilot.append,
+            lambda frame, _now: self.to_stations.append(frame),
+            self.delegating.target_passed,
+            self.delegating.link_closed,
         )
         self.programs = OnboardPrograms(VEHICLE, list(self.ports.values()), around, reports)
         self._sent = {program.name: b"" for program in PROGRAMS}
@@ -213,6 +219,10 @@ class Aboard:
             assert frame is not None
             if frame.compid != mavlink.MAV_COMP_ID_ONBOARD_COMPUTER:
                 self._check(program, frame)
+        for frame in self.to_stations:
+            assert frame.raw in self._sent[program.name]
+            assert (frame.sysid, frame.compid, frame.known) == (VEHICLE, program.component, True)
+        self.to_stations.clear()
         self.check()
         if ended and not self.delegating.program:
             assert self._stops(before), "a delegation ended without a stop"
