@@ -59,8 +59,11 @@ _EXPECTED: Final[Mapping[tuple[str, int], tuple[str, ...]]] = {
 
 
 def sensor_findings(parameters: Mapping[str, float], sensors: Collection[str]) -> tuple[str, ...]:
-    """A finding for each of these sensor messages, for each sensor that none of them is for, and that no landing ends
-    without its target. `parameters`: those that the autopilot has."""
+    """Findings about these sensor messages, in words.
+
+    One for each of them, one for each sensor of the autopilot that none of them is for, and one if no landing ends
+    without its target. `parameters`: those that the autopilot has.
+    """
     findings = [_finding(parameters, sensor) for sensor in sorted(sensors)]
     if parameters.get("PLND_ENABLED") == 1 and parameters.get(_STRICT) == _HOVERS:
         findings.append("PLND_STRICT 2: without a landing target it hovers until the battery is empty")
