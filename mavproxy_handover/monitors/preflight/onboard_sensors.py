@@ -61,8 +61,8 @@ _EXPECTED: Final[Mapping[tuple[str, int], tuple[str, ...]]] = {
 def sensor_findings(parameters: Mapping[str, float], sensors: Collection[str]) -> tuple[str, ...]:
     """Findings about these sensor messages, in words.
 
-    One for each of them, one for each sensor of the autopilot that none of them is for, and one if no landing ends
-    without its target. `parameters`: those that the autopilot has.
+    There is one for each message. More are for sensors of the autopilot that no message is for, and for landings that
+    never end without a target. `parameters`: those that the autopilot has.
     """
     findings = [_finding(parameters, sensor) for sensor in sorted(sensors)]
     if parameters.get("PLND_ENABLED") == 1 and parameters.get(_STRICT) == _HOVERS:
