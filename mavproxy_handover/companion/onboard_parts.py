@@ -67,8 +67,10 @@ def assemble_onboard(
 
     moved = {SENSORS[sensor].moves for port in ports for sensor in port.rights.sensors}
     estimate = EstimateWatch(vehicle, Moves.ESTIMATE in moved, autopilot.aircraft, reports, to_autopilot)
-    site = autopilot.return_site
-    returns = ReturnWatch(Moves.AVOIDANCE in moved, autopilot.aircraft, lambda: site.goes_to, reports)
+    site, home = autopilot.return_site, autopilot.aircraft.telemetry
+    returns = ReturnWatch(
+        Moves.AVOIDANCE in moved, autopilot.aircraft, lambda: site.goes_to or home.home.value, reports
+    )
     matters = OnboardMatters(
         delegating.permits,
         target_passes,

@@ -65,7 +65,7 @@ def test_a_return_that_circles_at_its_site_is_told() -> None:
 
 @pytest.mark.parametrize(
     ("away_m", "speed_mps", "mode", "landed"),
-    [(900.0, 4.0, RTL, 2), (15.0, 0.0, RTL, 2), (300.0, 0.0, AUTO, 2), (300.0, 0.0, RTL, 4)],
+    [(900.0, 4.0, RTL, 2), (4.0, 0.0, RTL, 2), (300.0, 0.0, AUTO, 2), (300.0, 0.0, RTL, 4)],
 )
 def test_nothing_is_told_of_a_return_that_goes_on(away_m: float, speed_mps: float, mode: int, landed: int) -> None:
     """It comes nearer, is at its site, is no return, or lands where it is."""

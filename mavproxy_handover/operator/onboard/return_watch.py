@@ -25,7 +25,7 @@ NEARER_M: Final = 5.0
 PATIENCE_S: Final = 45.0
 _REMIND_S: Final = 60.0
 #: so near to its site (m) and so slow it waits before it lands; around false obstacles it flew there at 2 m/s
-_AT_SITE_M: Final = 20.0
+_AT_SITE_M: Final = 5.0
 _WAITS_MPS: Final = 1.0
 
 
