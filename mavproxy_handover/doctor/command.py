@@ -75,7 +75,7 @@ def main(argv: Sequence[str], clocks: Clocks = Clocks(time.time, time.monotonic)
                 "before the companion is installed",
             ),
         ),
-        codes={0: "no error", 1: "an error was found", 2: "wrong usage, or nothing to look at"},
+        codes={0: "no error", 1: "an error was found", 2: "wrong usage, or something could not be looked at"},
         description="Find out what is wrong with this machine, and say what to do about it. Nothing is changed. The "
         "autopilot is asked for parameters and its version, and for nothing while it is armed.",
     )
