@@ -347,6 +347,18 @@ def test_the_cookie_alone_presses_no_button(bench: Bench) -> None:
     assert bench.orders() == []
 
 
+def test_a_browser_that_blocks_the_storage_presses_buttons_too(bench: Bench) -> None:
+    context = bench._browser.new_context()
+    context.add_init_script("Object.defineProperty(window, 'localStorage', {get() { throw new Error('blocked'); }})")
+    page = context.new_page()
+    page.goto(bench.link)
+    page.wait_for_selector(".hp-who strong", timeout=60_000)
+    page.wait_for_timeout(1000)
+    page.click(".hp-band button.accept")
+    assert within(15.0, lambda: bench.orders() == [("accept", "252.251.3.7.-1")])
+    context.close()
+
+
 def test_a_panel_that_dies_is_said_by_the_browser_itself(bench: Bench) -> None:
     page = bench.open()
     page.wait_for_timeout(1000)

@@ -30,13 +30,22 @@ window.handoverPanel = (() => {
     return [made("div", "hp-title", title), ...(inside.length ? inside : [made("div", "hp-none", empty)])];
   }
 
-  // The key for orders comes once, after the # of the address. The storage belongs to this port alone.
+  // The key for orders comes once, behind the # of the address. The storage belongs to this port alone. Without storage
+  // (a browser may block it) the key lasts as long as this page.
+  let orderKey = "";
   function keyOfLink() {
-    if (location.hash.length > 1) {
-      localStorage.setItem("handover_panel", location.hash.slice(1));
+    const given = location.hash.slice(1);
+    if (given) {
+      orderKey = given;
       history.replaceState(null, "", location.pathname + location.search);
     }
-    return localStorage.getItem("handover_panel") || "";
+    try {
+      if (given) localStorage.setItem("handover_panel", given);
+      orderKey = localStorage.getItem("handover_panel") || orderKey;
+    } catch (error) {
+      console.error(error);
+    }
+    return orderKey;
   }
 
   // ---- orders -----------------------------------------------------------------------------------------------------
@@ -424,7 +433,7 @@ window.handoverPanel = (() => {
   function attach() {
     if (state.attached) return;
     state.attached = true;
-    try { keyOfLink(); } catch (error) { console.error(error); } // a browser may block the storage: the page still shows
+    keyOfLink();
     document.addEventListener("keydown", hold);
     document.addEventListener("keyup", release);
     window.addEventListener("blur", () => release());
