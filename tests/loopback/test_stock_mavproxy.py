@@ -138,14 +138,14 @@ def test_the_stations_module_loads_unloads_and_reloads(start: Callable[..., MavP
     )
     file = station_file(tmp_path / "station.toml")
     assert console.answer("module load handover_gcs", f"handover_gcs {VERSION}: ").endswith(f"configuration {file}")
-    assert console.answer("set source_system", "source_system ") == "source_system 251"
+    assert console.answer("set source_system", "source_system 2") == "source_system 251"
     console.answer("handover status", "vehicle   not heard, ON_LOAD")
     assert console.answer("module load handover", "handover is not loaded: ").endswith(
         "vehicle and station need a MAVProxy each"
     )
     console.answer("module reload handover_gcs", "Reloaded module handover_gcs")
     console.answer("module unload handover_gcs", "Unloaded module handover_gcs")
-    assert console.answer("set source_system", "source_system ") == "source_system 255"
+    assert console.answer("set source_system", "source_system 2") == "source_system 255"
     console.alive()
 
 

@@ -413,7 +413,7 @@ def test_completion_offers_words_and_settings(station: StationBench) -> None:
         "give <GCSB>",
         "override <energy|fence|coverage>",
         "delegate <no>",
-        "payload <request|release>",
+        "payload <request|release> <gimbal|camera|winch>",
         "rehearse <end|report>",
         "connect <no>",
         "take",
