@@ -70,7 +70,8 @@ def test_a_station_s_line_that_nobody_reads_holds_up_no_lease(flight: Flight, au
     gaps = [later - earlier for earlier, later in pairwise(times)]
     assert len(gaps) >= 15
     assert max(gaps) <= GAP_S
-    assert is_full(near)
+    # the kernel moves what it holds now and then, and has room for a moment
+    wait_for(lambda: is_full(near), lambda: "the line has taken more")
     assert flight.events().count("loaded") == 1
     os.close(far)
     os.close(near)
