@@ -36,11 +36,6 @@ class OnboardParts:
     estimate: EstimateWatch
     returns: ReturnWatch
 
-    def each_second(self, now: float) -> None:
-        """Time has passed."""
-        self.estimate.each_second(now)
-        self.returns.each_second(now)
-
 
 def assemble_onboard(
     vehicle: int,

@@ -46,7 +46,8 @@ class EachSecond:
         self._attempt("state", self.saver.each_second)
         grounded = self.grounded(now)
         self._attempt("each second", self.autopilot.rounds.each_second, beacons.view, grounded, now)
-        self._attempt("onboard programs", self.onboard.each_second, now)
+        self._attempt("onboard programs", self.onboard.estimate.each_second, now)
+        self._attempt("onboard programs", self.onboard.returns.each_second, now)
         self._attempt("word of a fault", self.faults.each_second, now)
         self._attempt("word of heartbeats", self.heartbeats.each_second, now)
 

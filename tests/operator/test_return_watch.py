@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""A return that comes no nearer is told of, while onboard programs may report obstacles."""
+"""The stations are told of a return that comes no nearer, while onboard programs may report obstacles."""
 
 from __future__ import annotations
 

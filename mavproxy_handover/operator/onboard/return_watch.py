@@ -3,8 +3,8 @@
 """Tells the stations of a return that comes no nearer, while onboard programs may report obstacles.
 
 With OA_TYPE set, ArduCopter flies around obstacles in a return too, and around ones that are not there it flies on and
-on. Obstacles are not stopped here: they may be real. A return of the companion's own is verified by its motion, and
-ends as a landing (`core/safety/command_verification.py`); the commander's return is told of.
+on. Obstacles are not stopped here: they may be real. A return that the companion ordered is verified by its motion,
+and ends as a landing (`core/safety/command_verification.py`). A commander's return is not, so the stations are told.
 """
 
 from __future__ import annotations
